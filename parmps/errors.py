@@ -1,0 +1,41 @@
+"""The ways a run can end early, each with the exit status that scripts rely on."""
+
+
+class ParmpsError(Exception):
+    """Base of the errors that end a run with one message and no traceback."""
+
+    exit_status = 4
+
+
+class InputError(ParmpsError):
+    """A job, motion file or command line that cannot be run (exit status 2).
+
+    Parameters
+    ----------
+    key : str
+        Dotted path of the offending key, such as ``tank.size[0]``.
+    message : str
+        What was found and what is allowed, values with units.
+    """
+
+    exit_status = 2
+
+    def __init__(self, key, message):
+        super().__init__(f"{key}: {message}" if key else message)
+        self.key = key
+
+
+class DivergedError(ParmpsError):
+    """The solution cannot be continued: a solver diverged or a value is not finite (exit status 3)."""
+
+    exit_status = 3
+
+
+class OutputError(ParmpsError):
+    """An output file could not be written or read back (exit status 4)."""
+
+    exit_status = 4
+
+    def __init__(self, path, reason):
+        super().__init__(f"{path}: {reason}")
+        self.path = path
