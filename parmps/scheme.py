@@ -1,0 +1,142 @@
+"""Numerical settings of the MPS scheme and the presets that bundle them.
+
+Each setting is a field of :class:`Scheme`, declared once with its default, unit, range, meaning and source.
+The defaults are the preset ``balanced``; another preset is the set of its differences from them.
+Sources: [000] Wen & Wan, three-layer sloshing; [002] Chen & Wan 2019, LNG tank; [004] Zhang, Wan & Hino,
+baffled tanks.
+"""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from parmps.errors import InputError
+from parmps.fields import Number, Section, nearest, setting, show, validated
+
+PRESETS = {
+    "papers": {
+        "wall": "line",
+        "laplacian_radius": 4.01,
+        "gradient": "sum",
+        "position": "moved",
+        "surface": "dirichlet",
+        "shifting": 0.0,
+    },
+    "fast": {"ksp_rtol": 1e-3},
+    "balanced": {},
+    "accurate": {"ksp_rtol": 1e-8},
+}
+
+PresetName = Literal["papers", "fast", "balanced", "accurate"]
+
+
+class Scheme(Section):
+    """The numerical method: which operators, how far they reach, how tightly the pressure is solved."""
+
+    preset: PresetName = setting("preset that the settings not given here come from", default="balanced")
+    wall: Literal["half", "line"] = setting(
+        "wall particles half a spacing outside the wall (half), or on it (line; counted from [000], [004])",
+        default="half",
+    )
+    radius: Number = setting(
+        "reach of the number density, the gradient and the divergence; 2.1 in [002]", "l0", 2.1, ge=1.6, le=5
+    )
+    laplacian_radius: Number = setting(
+        "reach of the Laplacian in the pressure equation; 4.01 in [002]", "l0", 2.1, ge=1.6, le=5
+    )
+    gradient: Literal["corrected", "sum", "min"] = setting(
+        "pressure gradient: P_j - P_i with the inverse moment matrix (corrected; Duan 2018), "
+        "P_j + P_i (sum; [002] eq. 5, [004] eq. 5) or P_j - P_min (min; [000] eq. 8)",
+        default="corrected",
+    )
+    position: Literal["start", "moved"] = setting(
+        "where the pressure equation is solved: at the step's start ([002] eqs. 15-18) or after the explicit "
+        "move ([004])",
+        default="start",
+    )
+    surface: Literal["ghost", "dirichlet"] = setting(
+        "free surface: virtual zero-pressure particles for the missing density (ghost; Shibata 2015), or "
+        "P = 0 on the surface particles (dirichlet; [004])",
+        default="ghost",
+    )
+    gamma: Number = setting(
+        "share of the density error in the pressure equation's source, per step; 0.01 in [000] eq. 9 and "
+        "[002] eq. 11",
+        default=0.01,
+        ge=0,
+        le=1,
+    )
+    volume_time: Annotated[Number, Field(gt=0, le=1e3)] | None = setting(
+        "relaxation time of the density error; when given, gamma is the time step divided by it",
+        "s",
+        None,
+    )
+    shifting: Number = setting(
+        "particle shifting towards a uniform spacing, 0 for none (after Khayyer 2017)",
+        default=0.1,
+        ge=0,
+        le=1,
+    )
+    collision_distance: Number = setting(
+        "distance below which two particles repel each other; 0 for never", "l0", 0.5, ge=0, le=1
+    )
+    ksp_rtol: Number = setting(
+        "relative tolerance of the linear solver for the pressure", default=1e-4, ge=1e-14, le=1e-1
+    )
+    viscosity: Literal["auto", "explicit", "implicit"] = setting(
+        "time integration of the viscous term; auto: implicit when the explicit limit would set the time "
+        "step",
+        default="auto",
+    )
+
+
+def expand_scheme(value):
+    """Fill in the settings that a preset fixes.
+
+    Parameters
+    ----------
+    value : str, dict or Scheme
+        Preset name, or a mapping with an optional ``preset`` and any settings; settings win over the preset.
+
+    Returns
+    -------
+    dict or Scheme
+        Settings that are not defaults, not yet validated.
+
+    Raises
+    ------
+    InputError
+        The preset is unknown, or the value is neither a name nor a mapping.
+    """
+    if isinstance(value, Scheme):
+        return value
+    if isinstance(value, str):
+        value = {"preset": value}
+    if not isinstance(value, dict):
+        raise InputError("scheme", f"got {show(value)}, must be a preset name or a mapping of settings")
+    preset = value.get("preset", "balanced")
+    if not isinstance(preset, str) or preset not in PRESETS:
+        raise InputError(
+            "scheme.preset", f"got {show(preset)}, no such preset{nearest(preset, list(PRESETS))}"
+        )
+    return {"preset": preset, **PRESETS[preset], **value}
+
+
+def resolve_scheme(value):
+    """Build the numerical settings from a preset name or a mapping.
+
+    Parameters
+    ----------
+    value : str, dict or Scheme
+        As in :func:`expand_scheme`.
+
+    Returns
+    -------
+    Scheme
+
+    Raises
+    ------
+    InputError
+        Unknown preset or setting (with the nearest valid name), or a value outside its range.
+    """
+    return validated(Scheme, expand_scheme(value), prefix=("scheme",))
