@@ -1,0 +1,236 @@
+"""The motion of the tank: rigid-body kinematics, body force against a point mass, motion files."""
+
+import numpy as np
+import pytest
+
+from parmps.errors import InputError
+from parmps.motion import Motion, read_motion_file
+from parmps.scene import MotionFile, Rotation, Tank, Translation
+
+GRAVITY = 9.8
+TANK = Tank(size=(0.8, 0.4, 0.5))
+TANK_2D = Tank(size=(0.8, 0.5))
+
+SUPERPOSED = (
+    Rotation(kind="yaw", amplitude_deg=20, omega=2.3, phase_deg=10, centre=(0.1, -0.2, 0.3)),
+    Translation(kind="surge", amplitude=0.1, omega=3.1, phase_deg=30),
+    Rotation(kind="pitch", amplitude_deg=12, omega=4.1, phase_deg=-50, centre=(0.7, 0.0, -0.1)),
+    Rotation(kind="roll", amplitude_deg=25, omega=1.7, phase_deg=90),
+    Translation(kind="heave", amplitude=0.05, omega=5.0),
+    Translation(kind="sway", amplitude=0.07, omega=2.0),
+    Rotation(kind="roll", amplitude_deg=8, omega=6.0, centre=(0.0, 0.5, 0.5)),
+)
+
+
+def body_force(state, position, velocity):
+    """Body force per unit mass on a particle in the tank frame, as the solver applies it."""
+    return (
+        state.force
+        - np.cross(state.alpha, position)
+        - np.cross(state.omega, np.cross(state.omega, position))
+        - 2 * np.cross(state.omega, velocity)
+    )
+
+
+def assert_free_fall(motion, duration=0.6):
+    """A free point mass at rest in the earth frame, followed in the tank frame, falls straight down."""
+    start = np.array([0.3, 0.1, 0.2])
+    launch = np.array([0.4, -0.3, 1.0])
+    first = motion.at(0.0)
+    relative = motion.initial_velocity(start) + first.rotation.T @ launch
+
+    def rate(t, y):
+        return np.concatenate([y[3:], body_force(motion.at(t), y[:3], y[3:])])
+
+    # classical Runge-Kutta, with steps that end where the pieces of a recorded spline do
+    y, step = np.concatenate([start, relative]), 0.0025
+    origin = first.origin + first.rotation @ start
+    for t in step * np.arange(round(duration / step)):
+        a = rate(t, y)
+        b = rate(t + step / 2, y + step / 2 * a)
+        c = rate(t + step / 2, y + step / 2 * b)
+        d = rate(t + step * (1 - 1e-12), y + step * c)
+        y = y + step / 6 * (a + 2 * b + 2 * c + d)
+        state = motion.at(t + step)
+        earth = state.origin + state.rotation @ y[:3]
+        fall = np.array([0, 0, GRAVITY / 2 * (t + step) ** 2])
+        np.testing.assert_allclose(earth, origin + launch * (t + step) - fall, atol=1e-8)
+
+
+def write_csv(path, columns, end=2.0, rows=201, start=0.0):
+    time = np.linspace(start, end, rows)
+    table = np.column_stack([time, *(law(time) for law in columns.values())])
+    np.savetxt(path, table, delimiter=",", header=",".join(["time [s]", *columns]), comments="", fmt="%.12g")
+    return MotionFile(kind="file", path=str(path))
+
+
+def test_free_fall_superposed():
+    assert_free_fall(Motion(SUPERPOSED, GRAVITY, 3, TANK))
+
+
+def test_free_fall_2d():
+    items = (
+        Translation(kind="surge", amplitude=0.1, omega=3.1, phase_deg=30),
+        Rotation(kind="pitch", amplitude_deg=12, omega=4.1, phase_deg=-50, centre=(0.7, -0.1)),
+        Rotation(kind="roll", amplitude_deg=12, omega=2.1),
+    )
+    motion = Motion(items, GRAVITY, 2, TANK_2D)
+    assert_free_fall(motion)
+    state = motion.at(0.7)
+    assert state.omega[0] == state.omega[2] == state.force[1] == state.velocity[1] == 0.0
+
+
+def test_free_fall_from_file(tmp_path):
+    item = write_csv(
+        tmp_path / "motion.csv",
+        {
+            "roll [deg]": lambda t: 10 * np.sin(2 * t + 0.3),
+            "surge [m]": lambda t: 0.1 * np.sin(3 * t),
+            "yaw [deg]": lambda t: 15 * np.cos(t),
+            "heave [m]": lambda t: 0.05 * t**2,
+        },
+    )
+    assert_free_fall(Motion((item, *SUPERPOSED[:2]), GRAVITY, 3, TANK))
+
+
+@pytest.mark.parametrize("t", [0.1, 0.77, 3.0])
+def test_derivatives_match_finite_differences(t):
+    motion = Motion(SUPERPOSED, GRAVITY, 3, TANK)
+    state, step = motion.at(t), 1e-4
+    before, after = motion.at(t - step), motion.at(t + step)
+    to_tank = state.rotation.T
+    velocity = (after.origin - before.origin) / (2 * step)
+    acceleration = (after.origin - 2 * state.origin + before.origin) / step**2
+    spin = to_tank @ (after.rotation - before.rotation) / (2 * step)
+    omega = np.array([spin[2, 1], spin[0, 2], spin[1, 0]])
+    np.testing.assert_allclose(state.velocity, to_tank @ velocity, atol=1e-6)
+    np.testing.assert_allclose(state.force, to_tank @ ([0, 0, -GRAVITY] - acceleration), atol=1e-5)
+    np.testing.assert_allclose(state.omega, omega, atol=1e-6)
+    np.testing.assert_allclose(state.alpha, (after.omega - before.omega) / (2 * step), atol=1e-5)
+    np.testing.assert_allclose(state.rotation @ to_tank, np.eye(3), atol=1e-14)
+
+
+def test_positive_directions():
+    """Positive pitch (and roll in 2D) lowers the right end; roll turns +y up; yaw turns +x to +y."""
+
+    def moved(kind, point, dimension=3, tank=TANK):
+        item = Rotation(kind=kind, amplitude_deg=10, omega=1, phase_deg=90, centre=(0.0,) * dimension)
+        return Motion((item,), GRAVITY, dimension, tank).at(0.0).rotation @ point
+
+    assert moved("pitch", [1, 0, 0])[2] < 0
+    assert moved("roll", [0, 1, 0])[2] > 0
+    assert moved("yaw", [1, 0, 0])[1] > 0
+    for kind in ("roll", "pitch"):
+        assert moved(kind, [1, 0, 0], 2, TANK_2D)[2] < 0
+
+
+def test_tilted_gravity_pushes_to_the_low_end():
+    motion = Motion((Rotation(kind="roll", amplitude_deg=30, omega=0, phase_deg=90),), GRAVITY, 2, TANK_2D)
+    np.testing.assert_allclose(motion.at(1.0).force, [GRAVITY / 2, 0, -GRAVITY * np.sqrt(3) / 2])
+    assert not motion.moves
+    assert not motion.rotates
+
+
+def test_default_centre_is_the_bottom_centre():
+    for tank, dimension in ((TANK_2D, 2), (TANK, 3)):
+        state = Motion((SUPERPOSED[3],), GRAVITY, dimension, tank).at(0.4)
+        centre = np.array([0.4, 0.0 if dimension == 2 else 0.2, 0.0])
+        np.testing.assert_allclose(state.origin + state.rotation @ centre, centre, atol=1e-15)
+
+
+def test_without_motion():
+    motion = Motion((), GRAVITY, 2, TANK_2D)
+    state = motion.at(3.0)
+    np.testing.assert_array_equal(state.force, [0, 0, -GRAVITY])
+    np.testing.assert_array_equal(state.rotation, np.eye(3))
+    assert not motion.moves
+    assert not motion.rotates
+
+
+def test_what_moves():
+    surge = Motion(SUPERPOSED[1:2], GRAVITY, 3, TANK)
+    assert surge.moves
+    assert not surge.rotates
+    assert Motion(SUPERPOSED[:1], GRAVITY, 3, TANK).rotates
+
+
+def test_impulsive_start():
+    motion = Motion((Translation(kind="surge", amplitude=0.02, omega=6.469),), GRAVITY, 2, TANK_2D)
+    np.testing.assert_allclose(motion.initial_velocity(np.zeros((5, 3))), [[-0.02 * 6.469, 0, 0]] * 5)
+    np.testing.assert_array_equal(motion.at(-1e-9).velocity, 0.0)
+    roll = Motion((Rotation(kind="roll", amplitude_deg=3, omega=1.83),), GRAVITY, 2, TANK_2D)
+    rate = np.radians(3) * 1.83
+    np.testing.assert_allclose(roll.initial_velocity([0.4, 0.0, 0.5]), [-rate * 0.5, 0, 0], atol=1e-15)
+
+
+def test_rest_before_the_start_keeps_the_first_displacement():
+    state = Motion((SUPERPOSED[3],), GRAVITY, 3, TANK)
+    np.testing.assert_allclose(state.at(-1.0).rotation, state.at(0.0).rotation)
+    np.testing.assert_array_equal(state.at(-1.0).omega, 0.0)
+
+
+def test_record_keeps_the_velocity_of_its_data(tmp_path):
+    item = write_csv(tmp_path / "sine.csv", {"surge [m]": lambda t: 0.02 * np.sin(6 * t)})
+    recorded = Motion((item,), GRAVITY, 2, TANK_2D)
+    law = Motion((Translation(kind="surge", amplitude=0.02, omega=6),), GRAVITY, 2, TANK_2D)
+    for t in (0.0, 0.333, 1.9):
+        np.testing.assert_allclose(recorded.at(t).velocity, law.at(t).velocity, atol=2e-6)
+        np.testing.assert_allclose(recorded.at(t).force, law.at(t).force, atol=2e-3)
+
+
+def test_record_that_begins_late_sets_out_from_rest(tmp_path):
+    item = write_csv(tmp_path / "late.csv", {"surge [m]": lambda t: 0.1 + 0.5 * (t - 1)}, start=1.0)
+    motion = Motion((item,), GRAVITY, 2, TANK_2D)
+    for t in (0.0, 0.9, 1.0):
+        np.testing.assert_allclose(motion.at(t).origin, [0.1, 0, 0])
+        np.testing.assert_allclose(motion.at(t).velocity, 0, atol=1e-12)
+    np.testing.assert_allclose(motion.at(1.9).velocity, [0.5, 0, 0], atol=1e-4)
+
+
+ROWS = "0,0\n1,1\n2,0\n3,1\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("", ["line 1", "time [s]"]),
+        (ROWS, ["line 1", "unknown column '0'"]),
+        ("time [s]\n0\n1\n2\n3\n", ["line 1", "at least one motion"]),
+        ("surge [m],heave [m]\n" + ROWS, ["line 1", "time [s]"]),
+        ("time [s],surge\n" + ROWS, ["unknown column 'surge'", "did you mean 'surge [m]'"]),
+        ("time [s],roll [rad]\n" + ROWS, ["did you mean 'roll [deg]'"]),
+        ("time [s],surge [m],surge [m]\n" + ROWS, ["'surge [m]' is given twice"]),
+        ("time [s],surge [m]\n0,0\n1,x\n2,0\n3,1\n", ["line 3", "'surge [m]'", "'x'", "number"]),
+        ("time [s],surge [m]\n0,0\n1,nan\n2,0\n3,1\n", ["line 3", "'nan'"]),
+        ("time [s],surge [m]\n0,0\n1,1e300\n2,0\n3,1\n", ["line 3", "at most 1e+06"]),
+        ("time [s],surge [m]\n0,0\n1,1_0\n2,0\n3,1\n", ["line 3", "'1_0'"]),
+        ("time [s],surge [m]\n0,0\n1\n2,0\n3,1\n", ["line 3", "got 1 values", "must be 2"]),
+        ("time [s],surge [m]\n0,0\n1,1\n1,0\n3,1\n", ["line 4", "'time [s]'", "must grow"]),
+        ("time [s],surge [m]\n0,0\n1,1\n2,0\n", ["got 3 rows", "at least 4"]),
+        (b"time [s],surge [m]\n0,\xff\n", ["line 2", "UTF-8"]),
+    ],
+)
+def test_bad_motion_files_are_refused(tmp_path, text, expected):
+    path = tmp_path / "motion.csv"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    with pytest.raises(InputError) as refusal:
+        read_motion_file(str(path), "motion[2].path")
+    for part in ["motion[2].path", str(path), *expected]:
+        assert part in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+
+
+def test_motion_file_in_any_order_with_blank_lines_and_windows_line_ends(tmp_path):
+    path = tmp_path / "motion.csv"
+    path.write_bytes(b"\xef\xbb\xbfroll [deg], time [s]\r\n1,0\r\n2,1\r\n\r\n3,2\r\n4,3\r\n\r\n")
+    time, columns = read_motion_file(str(path))
+    np.testing.assert_array_equal(time, [0, 1, 2, 3])
+    np.testing.assert_array_equal(columns["roll"], [1, 2, 3, 4])
+
+
+def test_oversized_motion_file_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("parmps.motion.MAX_FILE_BYTES", 2**20)
+    path = tmp_path / "motion.csv"
+    path.write_bytes(b"0" * (2**20 + 1))
+    with pytest.raises(InputError, match="at most 1 MiB"):
+        read_motion_file(str(path))
