@@ -140,9 +140,10 @@ class ParticleFile:
     """Particle frames in ``particles.vtkhdf``: VTKHDF PolyData with time steps, one vertex a particle.
 
     The space of all frames is laid out at creation (see `parmps.slabs`). Committing a frame changes two
-    numbers, the attribute ``NSteps`` and the length of ``Steps/Values`` (which VTK needs to be equal); both
-    lie in the first page of the file and are written by one call, so that no reader and no kill can come
-    between them. A data error therefore never shows: a frame is there whole or not at all.
+    numbers, the attribute ``NSteps`` and the length of ``Steps/Values`` (which VTK needs to be equal). Both
+    lie in the first page of the file and are written by one call, so that no kill can come between them: a
+    frame is there whole or not at all. A reader that opens the file while a frame is committed reads the
+    two one after the other and may find a later length than number; that window is microseconds wide.
 
     Attributes
     ----------

@@ -46,8 +46,8 @@ def pytest_configure(config):
 def pytest_runtest_makereport(item, call):
     report = yield
     if not all_ended(report.failed):
-        print(f"rank {AGREEMENT.rank} failed in {item.nodeid} ({call.when}), others wait for it:", file=sys.stderr)
-        print(report.longreprtext, file=sys.stderr, flush=True)
+        where = f"rank {AGREEMENT.rank} failed in {item.nodeid} ({call.when}), others wait for it:"
+        print(where, report.longreprtext, sep="\n", file=sys.stderr, flush=True)
         AGREEMENT.Abort(1)
     messages = AGREEMENT.allgather(report.longreprtext if report.failed else None)
     if AGREEMENT.size > 1 and any(messages):
