@@ -19,7 +19,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from parmps.errors import InputError, OutputError
+from parmps.errors import InputError, OutputError, ParmpsError
 from parmps.slabs import create_dataset, output_errors, sync_directory, write_at
 
 FORMAT_VERSION = 1
@@ -192,7 +192,7 @@ def read_header(path):
     OutputError
         If it is missing, truncated or altered.
     """
-    with output_errors(path), h5py.File(path, "r") as file:
+    with _opened(path) as file:
         return _parse_header(path, file)
 
 
@@ -218,7 +218,7 @@ def read_slabs(path, indices):
     OutputError
         If it is missing, truncated or altered; the message names the array and the slab.
     """
-    with output_errors(path), h5py.File(path, "r") as file:
+    with _opened(path) as file:
         header = _parse_header(path, file)
         sums = file["crc32"][()]
         arrays = {}
@@ -226,7 +226,8 @@ def read_slabs(path, indices):
             parts = [np.empty((0, *shape), dtype)]
             for index in indices:
                 rows = file["arrays"][name][slice(*header.slabs[index])]
-                if zlib.crc32(np.ascontiguousarray(rows)) != sums[index, column]:
+                # HDF5's own description of the type has no checksum; the header's has.
+                if rows.dtype != dtype or zlib.crc32(np.ascontiguousarray(rows)) != sums[index, column]:
                     raise OutputError(path, f"is damaged: {name} of slab {index} fails its checksum")
                 parts.append(rows)
             arrays[name] = np.concatenate(parts)
@@ -292,6 +293,20 @@ def _removed_on_error(path):
         with contextlib.suppress(OSError):
             _temporary(path).unlink(missing_ok=True)
         raise
+
+
+@contextlib.contextmanager
+def _opened(path):
+    """Open a checkpoint for reading; whatever goes wrong then is damage, since HDF5 checks little itself."""
+    with output_errors(path), open(path, "rb"):
+        pass
+    try:
+        with h5py.File(path, "r") as file:
+            yield file
+    except ParmpsError:
+        raise
+    except Exception as error:
+        raise OutputError(path, f"is damaged: {error}") from error
 
 
 def _parse_header(path, file):

@@ -121,10 +121,10 @@ def test_a_truncated_or_foreign_or_missing_file_is_refused(path):
         with pytest.raises(OutputError, match=r"checkpoint\.h5"):
             checkpoint.read_slabs(path, [0])
     path.unlink()
-    with h5py.File(path, "w"), pytest.raises(OutputError, match="cannot be used|unable"):
+    with h5py.File(path, "w"), pytest.raises(OutputError, match="is damaged"):
         checkpoint.read_header(path)
     path.unlink()
-    with pytest.raises(OutputError, match="checkpoint.h5"):
+    with pytest.raises(OutputError, match=r"checkpoint\.h5: No such file"):
         checkpoint.read_header(path)
 
 
@@ -151,7 +151,8 @@ for place in range(5, len(data), 61):
 
 def test_any_altered_byte_is_harmless_or_refused(tmp_path, path):
     # In its own process: HDF5 meets broken structures here.
-    done = subprocess.run([sys.executable, "-c", READ_FLIPPED, path, tmp_path / "copy.h5"], capture_output=True, text=True, timeout=60)
+    command = [sys.executable, "-c", READ_FLIPPED, path, tmp_path / "copy.h5"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
 
 
@@ -176,7 +177,7 @@ def test_processes_write_their_slabs_side_by_side(path):
     for worker in workers:
         worker.start()
     while any(worker.is_alive() for worker in workers):
-        check(path)
+        checkpoint.read_slabs(path, range(3))
     assert [worker.exitcode for worker in workers] == [0, 0, 0]
     assert check(path) == 14
 
