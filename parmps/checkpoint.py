@@ -6,20 +6,23 @@ shares the slabs out whole (`share_slabs`). Nothing here knows MPI; the order of
 process, barrier, `write_slab` on every process, barrier, `commit` on one.
 
 The header is one JSON text. It and every array of every slab carry a CRC-32, so that truncated or altered
-files are refused and the damaged part is named.
+files are refused and the damaged part is named. The file is HDF5 for whoever wants to look into it, but is
+read back without the HDF5 library, which may crash on an altered file: a line in front of the HDF5 content
+(in its user block) gives the place and the checksum of the header, and the header the places of the arrays.
 """
 
 import contextlib
 import json
 import os
+import re
 import zlib
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import h5py
 import numpy as np
 
-from parmps.errors import InputError, OutputError, ParmpsError
+from parmps.errors import InputError, OutputError
 from parmps.slabs import create_dataset, output_errors, sync_directory, write_at
 
 FORMAT_VERSION = 1
@@ -29,6 +32,8 @@ FREE_KEYS = ("time.end", "output")
 """Dotted keys of the job that a restart may change."""
 
 _MISSING = "nothing"
+_USER_BLOCK = 512
+_TITLE = "parmps checkpoint"
 
 
 @dataclass(frozen=True)
@@ -45,12 +50,18 @@ class Header:
         Particles in all slabs.
     slabs : list of tuple of int
         First row and row after the last, one pair a writer.
+    places : dict of str to int
+        Offset of each array in the file, bytes; None if there are no particles.
+    sums_place : int
+        Offset of the checksums (slab, array), bytes.
     """
 
     attributes: dict
     arrays: dict
     total: int
     slabs: list
+    places: dict
+    sums_place: int
 
 
 def create(path, arrays, total, slabs, attributes):
@@ -79,21 +90,28 @@ def create(path, arrays, total, slabs, attributes):
     stops = [0, *(stop for _, stop in slabs)]
     if [start for start, _ in slabs] != stops[:-1] or stops[-1] != total or sorted(stops) != stops:
         raise ValueError(f"slabs {slabs} do not cover {total} rows in order")
-    header = {
-        "attributes": attributes,
-        "arrays": {name: (np.dtype(dtype).str, list(shape)) for name, (dtype, shape) in arrays.items()},
-        "total": int(total),
-        "slabs": [(int(start), int(stop)) for start, stop in slabs],
-    }
-    text = json.dumps(header).encode()
-    with output_errors(path), _removed_on_error(path), h5py.File(_temporary(path), "w") as file:
-        file["format"] = FORMAT_VERSION
-        file["header"] = np.frombuffer(text, np.uint8)
-        file["header_crc32"] = np.uint32(zlib.crc32(text))
-        create_dataset(file, "crc32", (len(slabs), len(arrays)), "<u4")
-        group = file.create_group("arrays")
-        for name, (dtype, shape) in arrays.items():
-            create_dataset(group, name, (total, *shape), dtype)
+    temporary = _temporary(path)
+    with output_errors(path), _removed_on_error(path):
+        with h5py.File(temporary, "w", userblock_size=_USER_BLOCK) as file:
+            group = file.create_group("arrays")
+            places = {
+                name: create_dataset(group, name, (total, *shape), dtype).id.get_offset()
+                for name, (dtype, shape) in arrays.items()
+            }
+            header = Header(
+                attributes=attributes,
+                arrays={name: (np.dtype(dtype).str, list(shape)) for name, (dtype, shape) in arrays.items()},
+                total=int(total),
+                slabs=[(int(start), int(stop)) for start, stop in slabs],
+                places=places,
+                sums_place=create_dataset(file, "crc32", (len(slabs), len(arrays)), "<u4").id.get_offset(),
+            )
+            text = json.dumps(asdict(header)).encode()
+            place = create_dataset(file, "header", (len(text),), np.uint8).id.get_offset()
+        line = f"{_TITLE} {FORMAT_VERSION} {place} {len(text)} {zlib.crc32(text)}\n"
+        with open(temporary, "r+b", buffering=0) as file:
+            write_at(file.fileno(), text, place)
+            write_at(file.fileno(), line.encode(), 0)
 
 
 def write_slab(path, index, arrays):
@@ -116,10 +134,7 @@ def write_slab(path, index, arrays):
         If the arrays are not those that `create` was told.
     """
     temporary = _temporary(path)
-    with output_errors(path), h5py.File(temporary, "r") as file:
-        header = _parse_header(path, file)
-        offsets = {name: file["arrays"][name].id.get_offset() for name in header.arrays}
-        sums_at = file["crc32"].id.get_offset()
+    header = read_header(temporary)
     start, stop = header.slabs[index]
     slab = {name: np.ascontiguousarray(arrays[name]) for name in header.arrays}
     sums = np.array([zlib.crc32(rows) for rows in slab.values()], "<u4")
@@ -130,8 +145,8 @@ def write_slab(path, index, arrays):
     with output_errors(path), open(temporary, "r+b", buffering=0) as file:
         for name, rows in slab.items():
             if rows.size:
-                write_at(file.fileno(), rows, offsets[name] + start * (rows.nbytes // len(rows)))
-        write_at(file.fileno(), sums, sums_at + index * sums.nbytes)
+                write_at(file.fileno(), rows, header.places[name] + start * (rows.nbytes // len(rows)))
+        write_at(file.fileno(), sums, header.sums_place + index * sums.nbytes)
         os.fsync(file.fileno())
 
 
@@ -192,7 +207,7 @@ def read_header(path):
     OutputError
         If it is missing, truncated or altered.
     """
-    with _opened(path) as file:
+    with output_errors(path), open(path, "rb") as file:
         return _parse_header(path, file)
 
 
@@ -218,20 +233,25 @@ def read_slabs(path, indices):
     OutputError
         If it is missing, truncated or altered; the message names the array and the slab.
     """
-    with _opened(path) as file:
+    with output_errors(path), open(path, "rb") as file:
         header = _parse_header(path, file)
-        sums = file["crc32"][()]
+        width = len(header.arrays)
+        sums = _read_rows(file, "<u4", len(header.slabs) * width, header.sums_place)
+        if len(sums) < len(header.slabs) * width:
+            raise OutputError(path, "is damaged: the table of checksums is cut off")
         arrays = {}
         for column, (name, (dtype, shape)) in enumerate(header.arrays.items()):
-            parts = [np.empty((0, *shape), dtype)]
+            entry = np.dtype((dtype, shape))
+            parts = [np.empty(0, entry)]
             for index in indices:
-                rows = file["arrays"][name][slice(*header.slabs[index])]
-                # HDF5's own description of the type has no checksum; the header's has.
-                if rows.dtype != dtype or zlib.crc32(np.ascontiguousarray(rows)) != sums[index, column]:
+                start, stop = header.slabs[index]
+                place = start * entry.itemsize + (header.places[name] or 0)
+                rows = _read_rows(file, entry, stop - start, place)
+                if len(rows) < stop - start or zlib.crc32(rows) != sums[index * width + column]:
                     raise OutputError(path, f"is damaged: {name} of slab {index} fails its checksum")
                 parts.append(rows)
             arrays[name] = np.concatenate(parts)
-        return arrays
+    return arrays
 
 
 def check_compatible(header, job, version):
@@ -295,32 +315,29 @@ def _removed_on_error(path):
         raise
 
 
-@contextlib.contextmanager
-def _opened(path):
-    """Open a checkpoint for reading; whatever goes wrong then is damage, since HDF5 checks little itself."""
-    with output_errors(path), open(path, "rb"):
-        pass
-    try:
-        with h5py.File(path, "r") as file:
-            yield file
-    except ParmpsError:
-        raise
-    except Exception as error:
-        raise OutputError(path, f"is damaged: {error}") from error
-
-
 def _parse_header(path, file):
     """Read and verify the header of an open checkpoint."""
-    written = int(file["format"][()])
-    if written != FORMAT_VERSION:
-        raise InputError("restart", f"{path} has format {written}, this parmps reads format {FORMAT_VERSION}")
-    text = file["header"][()].tobytes()
-    if zlib.crc32(text) != file["header_crc32"][()]:
+    title, _, numbers = file.readline(_USER_BLOCK).decode("latin-1").partition(f"{_TITLE} ")
+    if title or not re.fullmatch(r"\d+ \d+ \d+ \d+\n", numbers):
+        raise OutputError(path, "is damaged, or not a checkpoint")
+    version, place, size, checksum = map(int, numbers.split())
+    if version != FORMAT_VERSION:
+        reason = f"{path} has format {version}, this parmps reads format {FORMAT_VERSION}"
+        raise InputError("restart", reason)
+    text = os.pread(file.fileno(), min(size, os.fstat(file.fileno()).st_size), place)
+    if zlib.crc32(text) != checksum:
         raise OutputError(path, "is damaged: the header fails its checksum")
-    header = json.loads(text)
-    return Header(
-        attributes=header["attributes"],
-        arrays={name: (dtype, tuple(shape)) for name, (dtype, shape) in header["arrays"].items()},
-        total=header["total"],
-        slabs=[tuple(slab) for slab in header["slabs"]],
+    header = Header(**json.loads(text))
+    return replace(
+        header,
+        arrays={name: (dtype, tuple(shape)) for name, (dtype, shape) in header.arrays.items()},
+        slabs=[tuple(slab) for slab in header.slabs],
     )
+
+
+def _read_rows(file, entry, count, place):
+    """Read up to `count` entries at an offset; fewer where the file is cut off."""
+    if count == 0:
+        return np.empty(0, entry)
+    file.seek(place)
+    return np.fromfile(file, entry, count)

@@ -74,6 +74,13 @@ def test_slabs_are_shared_out_once_in_order(ranks):
     assert [slab for share in shares for slab in share] == [0, 1, 2]
 
 
+def test_it_is_an_hdf5_file(path):
+    with h5py.File(path, "r") as file:
+        for name, array in state(1).items():
+            assert np.array_equal(file["arrays"][name][()], array)
+        assert json.loads(file["header"][()].tobytes())["attributes"]["seed"] == 1
+
+
 def test_a_new_checkpoint_replaces_the_present_one_only_when_committed(path):
     everything = state(2)
     checkpoint.create(path, ARRAYS, 1000, [(0, 1000)], {"seed": 2})
@@ -116,7 +123,7 @@ def test_an_altered_header_is_named(path):
 
 def test_a_truncated_or_foreign_or_missing_file_is_refused(path):
     data = path.read_bytes()
-    for size in (0, 100, 2000, len(data) // 2, len(data) - 1):
+    for size in (0, 100, 2000, 6000, len(data) // 2):
         path.write_bytes(data[:size])
         with pytest.raises(OutputError, match=r"checkpoint\.h5"):
             checkpoint.read_slabs(path, [0])
@@ -150,7 +157,7 @@ for place in range(5, len(data), 61):
 
 
 def test_any_altered_byte_is_harmless_or_refused(tmp_path, path):
-    # In its own process: HDF5 meets broken structures here.
+    # In a process of its own, which a crash would end.
     command = [sys.executable, "-c", READ_FLIPPED, path, tmp_path / "copy.h5"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
@@ -214,7 +221,7 @@ def test_what_cannot_be_written_is_an_output_error(tmp_path, path):
 
 
 def header_of(job, version="0.1.0"):
-    return checkpoint.Header({"job": job, "version": version}, {}, 0, [])
+    return checkpoint.Header({"job": job, "version": version}, {}, 0, [], {}, 0)
 
 
 def changed(**sections):
@@ -248,7 +255,6 @@ def test_another_job_is_refused_by_its_difference(job, message):
 def test_another_version_is_refused(path):
     with pytest.raises(InputError, match=r"written by parmps 0\.0\.9, this is 0\.1\.0"):
         checkpoint.check_compatible(header_of(JOB, "0.0.9"), JOB, "0.1.0")
-    with h5py.File(path, "r+") as file:
-        file["format"][()] = 99
+    path.write_bytes(path.read_bytes().replace(b"parmps checkpoint 1 ", b"parmps checkpoint 99 ", 1))
     with pytest.raises(InputError, match=f"format 99, this parmps reads format {checkpoint.FORMAT_VERSION}"):
         checkpoint.read_header(path)
