@@ -168,7 +168,7 @@ def scalar_field(arrays, field):
     """
     if field == "pressure":
         return arrays["pressure"] * 1e-3, "Pressure [kPa]", "viridis"
-    return np.linalg.norm(arrays["velocity"], axis=1), "Speed [m/s]", "cividis"
+    return np.linalg.norm(arrays["velocity"], axis=1), "Speed [m/s]", "plasma"
 
 
 def main(arguments=None):
