@@ -1,0 +1,43 @@
+# The commands of parmps. Each sets up first what is missing (tools/setup.sh).
+
+python := .venv/bin/python
+# --oversubscribe: MPI counts cores, and a laptop may have fewer than ranks.
+mpirun := mpirun --oversubscribe
+
+# One thread a rank: thread pools that spin on a busy core cost far more than they bring.
+export OMP_NUM_THREADS := 1
+export OPENBLAS_NUM_THREADS := 1
+# Without these two, Open MPI refuses to start for root, as in a container.
+export OMPI_ALLOW_RUN_AS_ROOT := 1
+export OMPI_ALLOW_RUN_AS_ROOT_CONFIRM := 1
+
+.PHONY: help setup setup-test run test lint bench validate
+
+help:
+	@echo "make run        run jobs/sloshing.yaml on 2 ranks"
+	@echo "make test       run all tests, on 1 to 4 ranks"
+	@echo "make lint       check the code's style"
+	@echo "make bench      measure the speed (jobs/benchmarks)"
+	@echo "make validate   compare with experiments and theory (jobs/validation)"
+	@echo "make setup      only set up; every other target does so when needed"
+
+setup:
+	@tools/setup.sh
+
+setup-test:
+	@tools/setup.sh test
+
+run: setup
+	$(mpirun) -n 2 $(python) -m parmps jobs/sloshing.yaml
+
+test: setup-test
+	@tools/test.sh
+
+lint: setup-test
+	$(python) -m ruff check
+
+bench: setup
+	$(python) jobs/benchmarks/run.py
+
+validate: setup
+	$(python) jobs/validation/run.py

@@ -1,0 +1,604 @@
+"""What a run leaves behind: particle frames, probe signals and the run summary.
+
+Every file can be read while the run goes on, and after a kill at any instant it holds complete frames and
+complete rows only. Nothing here knows MPI: a caller passes the rows that it holds and where they go, and
+puts the barriers between `ParticleFile.create`, `ParticleFile.write` on every rank, and
+`ParticleFile.commit` on one.
+
+At equal times, output comes before the checkpoint: a restart keeps everything up to and including the time
+of its checkpoint.
+"""
+
+import contextlib
+import csv
+import errno
+import io
+import json
+import os
+import struct
+import tempfile
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from parmps.errors import OutputError
+from parmps.slabs import create_dataset, output_errors, write_at
+
+RESULT_FILES = ("probes.csv", "particles.vtkhdf", "checkpoint.h5", "run.json", "run.log")
+"""The files of an output directory."""
+
+POINT_DATA = {
+    "id": ("<i8", ()),
+    "type": ("<i1", ()),
+    "fluid": ("<i1", ()),
+    "velocity": ("<f8", (3,)),
+    "pressure": ("<f8", ()),
+    "surface": ("<i1", ()),
+}
+"""Particle fields of a frame beside the position: type and shape of one particle's entry.
+
+``type`` is 0 for fluid, 1 for wall and 2 for dummy particles; ``velocity`` is in m/s, ``pressure`` in Pa.
+"""
+
+_PAGE = 4096
+_COPY_BYTES = 1 << 24
+_UNSET_COUNT = 0x5EA0_C0DE_0B5E_55ED
+
+
+def prepare_directory(path, restart):
+    """Make the output directory ready for a run, or refuse before anything is touched.
+
+    A fresh run moves the results of an earlier one into the sub-directory ``previous`` (replacing what
+    lies there), so that no checkpoint of another run can be taken for its own. A restart leaves all where
+    it is.
+
+    Parameters
+    ----------
+    path : path-like
+        The output directory; made with its parents if missing.
+    restart : bool
+        Whether the run continues the results in the directory.
+
+    Raises
+    ------
+    OutputError
+        If something else is in the way, or if the directory cannot be written.
+    """
+    path = Path(path)
+    with output_errors(path):
+        if path.exists() and not path.is_dir():
+            raise NotADirectoryError(errno.ENOTDIR, "is in the way: not a directory")
+        path.mkdir(parents=True, exist_ok=True)
+        # Asking for permissions is not enough: root, network and read-only file systems answer otherwise.
+        with tempfile.TemporaryFile(dir=path):
+            pass
+    for name in RESULT_FILES:
+        if (path / name).is_dir():
+            raise OutputError(path / name, "a directory is in the way of a result file")
+    if restart:
+        return
+    earlier = [path / name for name in RESULT_FILES if (path / name).exists()]
+    if earlier:
+        with output_errors(path / "previous"):
+            (path / "previous").mkdir(exist_ok=True)
+            for name in RESULT_FILES:
+                (path / "previous" / name).unlink(missing_ok=True)
+            for file in earlier:
+                os.replace(file, path / "previous" / file.name)
+
+
+def write_text(path, text):
+    """Write a small file so that readers see the old one or the whole new one.
+
+    Parameters
+    ----------
+    path : path-like
+        The file, replaced if it exists.
+    text : str
+        Its content.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written; an earlier file stays as it was.
+    """
+    path = Path(path)
+    temporary = path.with_name(path.name + ".tmp")
+    with output_errors(path):
+        try:
+            with open(temporary, "w", encoding="utf-8") as file:
+                file.write(text)
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(temporary, path)
+        except OSError:
+            with contextlib.suppress(OSError):
+                temporary.unlink(missing_ok=True)
+            raise
+
+
+def write_json(path, content):
+    """Write a JSON file so that readers see the old one or the whole new one.
+
+    Parameters
+    ----------
+    path : path-like
+        The file, replaced if it exists.
+    content : dict
+        What json can hold, and NumPy scalars and arrays.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written; an earlier file stays as it was.
+    """
+    write_text(path, json.dumps(content, indent=2, default=lambda value: value.tolist()) + "\n")
+
+
+class ParticleFile:
+    """Particle frames in ``particles.vtkhdf``: VTKHDF PolyData with time steps, one vertex a particle.
+
+    The space of all frames is laid out at creation (see `parmps.slabs`). Committing a frame changes two
+    numbers, the attribute ``NSteps`` and the length of ``Steps/Values`` (which VTK needs to be equal). Both
+    lie in the first page of the file and are written by one call, so that no kill can come between them: a
+    frame is there whole or not at all. A reader that opens the file while a frame is committed reads the
+    two one after the other and may find a later length than number; that window is microseconds wide.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    points : int
+        Particles in every frame.
+    capacity : int
+        Frames that there is room for.
+    """
+
+    def __init__(self, path):
+        self.path = Path(path)
+        with output_errors(self.path):
+            with h5py.File(self.path, "r") as file:
+                group = file["VTKHDF"]
+                self.points = int(group["NumberOfPoints"][0])
+                self.capacity = len(group["Steps/PointOffsets"])
+                self._count_at, self._length_at = (int(word) for word in file["parmps/commit_words"])
+                self._times_at = int(file["parmps/times_at"][()])
+                self._offsets = {name: group["PointData"][name].id.get_offset() for name in POINT_DATA}
+                self._offsets["position"] = group["Points"].id.get_offset()
+                committed = int(group["Steps"].attrs["NSteps"])
+            self._descriptor = os.open(self.path, os.O_RDWR)
+        if committed != self.frames:
+            self.close()
+            raise OutputError(self.path, "is damaged, or was rewritten by another program")
+
+    @classmethod
+    def create(cls, path, points, frames, attributes):
+        """Lay out a file of no committed frames; for one process only.
+
+        Parameters
+        ----------
+        path : path-like
+            The file, replaced at the end if it exists.
+        points : int
+            Particles in every frame.
+        frames : int
+            Frames to make room for.
+        attributes : dict of str to str
+            Texts to keep in the group ``/parmps``, such as the job and the version of the code.
+
+        Raises
+        ------
+        OutputError
+            If the file cannot be made; an earlier one stays as it was.
+        ValueError
+            If there are no particles or no frames.
+        """
+        if points < 1 or frames < 1:
+            raise ValueError(f"{points} particles and {frames} frames")
+        path = Path(path)
+        temporary = path.with_name(path.name + ".tmp")
+        with output_errors(path):
+            try:
+                _lay_out(temporary, points, frames, attributes)
+                os.replace(temporary, path)
+            except Exception:
+                with contextlib.suppress(OSError):
+                    temporary.unlink(missing_ok=True)
+                raise
+
+    @classmethod
+    def open(cls, path):
+        """Open a file for writing; for every process.
+
+        Parameters
+        ----------
+        path : path-like
+            A file made by `create`.
+
+        Returns
+        -------
+        ParticleFile
+
+        Raises
+        ------
+        OutputError
+            If the file is missing, cannot be written or was not made by `create`.
+        """
+        return cls(path)
+
+    @classmethod
+    def resume(cls, path, points, frames, time):
+        """Cut a file back to a time and make room for the frames to come; for one process only.
+
+        Parameters
+        ----------
+        path : path-like
+            The file of the run to continue.
+        points : int
+            Particles in every frame; must be those of the file.
+        frames : int
+            Frames that the whole run needs, those already in the file included.
+        time : float
+            Time of the restart, s; later frames are dropped.
+
+        Returns
+        -------
+        int
+            Frames kept: the number of the next frame.
+
+        Raises
+        ------
+        OutputError
+            If the file cannot be continued.
+        """
+        with contextlib.closing(cls(path)) as old:
+            if old.points != points:
+                raise OutputError(path, f"holds {old.points} particles a frame, the run has {points}")
+            with output_errors(path):
+                kept = int(np.searchsorted(old.times(), time, side="right"))
+                if old.capacity >= frames:
+                    old._set_count(kept)
+                else:
+                    old._copy_into_larger(kept, frames)
+        return kept
+
+    @property
+    def frames(self):
+        """Committed frames (int), as the file holds them now."""
+        return struct.unpack("<q", os.pread(self._descriptor, 8, self._count_at))[0]
+
+    def times(self):
+        """Return the times of the committed frames.
+
+        Returns
+        -------
+        (frames,) float64
+            s.
+        """
+        return np.frombuffer(os.pread(self._descriptor, 8 * self.frames, self._times_at), "<f8")
+
+    def write(self, frame, start, arrays):
+        """Write the rows of one process into the frame that follows the committed ones.
+
+        Parameters
+        ----------
+        frame : int
+            Number of the frame, from 0.
+        start : int
+            First row in the frame.
+        arrays : dict of str to ndarray
+            ``position`` (n, 2 or 3), m, and the fields of `POINT_DATA`, ``velocity`` (n, 2 or 3), m/s. Two
+            columns are x and z.
+
+        Raises
+        ------
+        OutputError
+            If the rows cannot be written; the frame must then not be committed.
+        ValueError
+            If the frame or the rows are not the file's next.
+        """
+        if frame != self.frames or frame >= self.capacity:
+            raise ValueError(f"frame {frame} of {self.capacity} is not the next after {self.frames}")
+        rows = len(arrays["position"])
+        if start < 0 or start + rows > self.points:
+            raise ValueError(f"rows {start} to {start + rows} of {self.points}")
+        columns = {name: np.asarray(arrays[name], dtype) for name, (dtype, _) in POINT_DATA.items()}
+        columns["velocity"] = _three_columns(columns["velocity"])
+        columns["position"] = _three_columns(np.asarray(arrays["position"], "<f8"))
+        if any(len(array) != rows for array in columns.values()):
+            raise ValueError(f"not every array has {rows} rows")
+        with output_errors(self.path):
+            for name, array in columns.items():
+                stride = array.dtype.itemsize * int(np.prod(array.shape[1:]))
+                offset = self._offsets[name] + (frame * self.points + start) * stride
+                write_at(self._descriptor, np.ascontiguousarray(array), offset)
+
+    def commit(self, frame, time):
+        """Show a frame to readers; for one process, once all have written.
+
+        Parameters
+        ----------
+        frame : int
+            Number of the frame.
+        time : float
+            Its time, s.
+
+        Raises
+        ------
+        OutputError
+            If the file cannot be written.
+        ValueError
+            If the frame is not the next.
+        """
+        if frame != self.frames or frame >= self.capacity:
+            raise ValueError(f"frame {frame} of {self.capacity} is not the next after {self.frames}")
+        with output_errors(self.path):
+            write_at(self._descriptor, struct.pack("<d", time), self._times_at + 8 * frame)
+            self._set_count(frame + 1)
+
+    def sync(self):
+        """Wait until what this process wrote is on the disk; call before a checkpoint relies on it.
+
+        Raises
+        ------
+        OutputError
+            If the disk did not take it.
+        """
+        with output_errors(self.path):
+            os.fsync(self._descriptor)
+
+    def close(self):
+        """Close the file; committed frames stay, an uncommitted one is forgotten."""
+        os.close(self._descriptor)
+
+    def _set_count(self, frames):
+        """Change both commit words by one write inside one page."""
+        first, last = sorted((self._count_at, self._length_at))
+        block = bytearray(os.pread(self._descriptor, last + 8 - first, first))
+        for word in (self._count_at, self._length_at):
+            struct.pack_into("<q", block, word - first, frames)
+        write_at(self._descriptor, block, first)
+
+    def _copy_into_larger(self, kept, frames):
+        """Replace the file by one with more room that holds the first `kept` frames."""
+        with h5py.File(self.path, "r") as file:
+            texts = {name: text.asstr()[()] for name, text in file["parmps/attributes"].items()}
+        larger_path = self.path.with_name(self.path.name + ".larger")
+        self.create(larger_path, self.points, frames, texts)
+        try:
+            with contextlib.closing(ParticleFile(larger_path)) as larger:
+                times = self.times()[:kept]
+                for name, (dtype, shape) in {"position": ("<f8", (3,)), **POINT_DATA}.items():
+                    size = kept * self.points * np.dtype((dtype, shape)).itemsize
+                    source, target = self._offsets[name], larger._offsets[name]
+                    for done in range(0, size, _COPY_BYTES):
+                        block = os.pread(self._descriptor, min(_COPY_BYTES, size - done), source + done)
+                        write_at(larger._descriptor, block, target + done)
+                write_at(larger._descriptor, times.tobytes(), larger._times_at)
+                larger._set_count(kept)
+                larger.sync()
+            os.replace(larger_path, self.path)
+        except OSError:
+            larger_path.unlink(missing_ok=True)
+            raise
+
+
+def _lay_out(path, points, frames, attributes):
+    """Write the structure of a particle file with no committed frame; see `ParticleFile.create`."""
+    # The oldest format has no checksums on its object headers, so the commit words may change in place. What
+    # is created first comes first in the file: both words fall into its first page.
+    with h5py.File(path, "w", libver=("earliest", "v110")) as file:
+        steps = file.create_group("VTKHDF/Steps")
+        steps.attrs["NSteps"] = np.int64(_UNSET_COUNT)
+        times = create_dataset(steps, "Values", (frames,), "<f8")
+        header_at = h5py.h5o.get_info(times.id).addr
+        times_at = times.id.get_offset()
+        _lay_out_steps(steps, points, frames)
+        _lay_out_points(file["VTKHDF"], points, frames)
+        own = file.create_group("parmps")
+        own["commit_words"] = np.zeros(2, "<i8")
+        own["times_at"] = np.int64(times_at)
+        for name, text in attributes.items():
+            own[f"attributes/{name}"] = text
+        words_at = own["commit_words"].id.get_offset()
+        connectivity_at = file["VTKHDF/Vertices/Connectivity"].id.get_offset()
+        offsets_at = file["VTKHDF/Vertices/Offsets"].id.get_offset()
+    with open(path, "r+b", buffering=0) as raw:
+        descriptor = raw.fileno()
+        write_at(descriptor, np.arange(points, dtype="<i8"), connectivity_at)
+        write_at(descriptor, np.arange(points + 1, dtype="<i8"), offsets_at)
+        page = os.pread(descriptor, _PAGE, 0)
+        count_at = page.find(struct.pack("<q", _UNSET_COUNT))
+        length_at = _length_word(page, header_at, frames)
+        if count_at < 0:
+            raise RuntimeError("the first page does not hold both commit words")
+        write_at(descriptor, struct.pack("<qq", count_at, length_at), words_at)
+        write_at(descriptor, struct.pack("<q", 0), count_at)
+        write_at(descriptor, struct.pack("<q", 0), length_at)
+        os.fsync(descriptor)
+
+
+def _length_word(page, header_at, length):
+    """Return the place of the length of a one-dimensional dataset, given that of its object header.
+
+    HDF5 file format specification, IV.A: a version 1 object header is 16 bytes long; its first message (8
+    bytes, then the content) is the data space (type 1), which has the first length after 8 bytes.
+    """
+    length_at = header_at + 32
+    if length_at + 8 > len(page):
+        raise RuntimeError("the first page does not hold both commit words")
+    version, kind = page[header_at], page[header_at + 16]
+    if version != 1 or kind != 1 or struct.unpack_from("<q", page, length_at)[0] != length:
+        raise RuntimeError("the object headers of this HDF5 library are not laid out as expected")
+    return length_at
+
+
+def _lay_out_steps(steps, points, frames):
+    """Say where each frame lies: its points and point data move on, the topology is shared."""
+    zeros = np.zeros(frames, "<i8")
+    first_points = np.arange(frames, dtype="<i8") * points
+    steps["NumberOfParts"] = zeros + 1
+    steps["PartOffsets"] = zeros
+    steps["PointOffsets"] = first_points
+    for name in ("CellOffsets", "ConnectivityIdOffsets"):
+        steps[name] = np.zeros((frames, 4), "<i8")
+    for name in POINT_DATA:
+        steps[f"PointDataOffsets/{name}"] = first_points
+
+
+def _lay_out_points(group, points, frames):
+    """Create the arrays of all frames and the vertices that they share."""
+    group.attrs["Version"] = np.array([2, 2], "<i8")
+    group.attrs.create("Type", np.bytes_("PolyData"))
+    group["NumberOfPoints"] = np.array([points], "<i8")
+    create_dataset(group, "Points", (frames * points, 3), "<f8")
+    point_data = group.create_group("PointData")
+    for name, (dtype, shape) in POINT_DATA.items():
+        create_dataset(point_data, name, (frames * points, *shape), dtype)
+    for name in ("Vertices", "Lines", "Polygons", "Strips"):
+        cells = points if name == "Vertices" else 0
+        topology = group.create_group(name)
+        topology["NumberOfCells"] = np.array([cells], "<i8")
+        topology["NumberOfConnectivityIds"] = np.array([cells], "<i8")
+        if cells:
+            create_dataset(topology, "Offsets", (cells + 1,), "<i8")
+            create_dataset(topology, "Connectivity", (cells,), "<i8")
+        else:
+            topology["Offsets"] = np.zeros(1, "<i8")
+            topology["Connectivity"] = np.zeros(0, "<i8")
+
+
+def _three_columns(vectors):
+    """Return vectors (n, 2 or 3) as (n, 3): two columns are x and z."""
+    if vectors.shape[1] == 3:
+        return vectors
+    return np.insert(vectors, 1, 0.0, axis=1)
+
+
+class ProbeTable:
+    """Probe signals in ``probes.csv``: a header, then one line a sampling time.
+
+    Every line reaches the file by one write, so a reader finds whole lines only. Times are written so that
+    they read back as the same number, signals with ten digits.
+
+    Parameters
+    ----------
+    path : path-like
+        A file that has its header.
+    columns : sequence of str
+        Signals in the order of the values, ``name [unit]``.
+    """
+
+    def __init__(self, path, columns):
+        self.path = Path(path)
+        self.columns = tuple(columns)
+        with output_errors(self.path):
+            self._descriptor = os.open(self.path, os.O_WRONLY | os.O_APPEND)
+
+    @classmethod
+    def create(cls, path, columns):
+        """Start a table.
+
+        Parameters
+        ----------
+        path : path-like
+            The file, replaced if it exists.
+        columns : sequence of str
+            Signals, ``name [unit]``.
+
+        Returns
+        -------
+        ProbeTable
+
+        Raises
+        ------
+        OutputError
+            If it cannot be written.
+        """
+        write_text(path, _header_line(columns))
+        return cls(path, columns)
+
+    @classmethod
+    def resume(cls, path, columns, time):
+        """Continue a table after the lines up to a time; later ones are dropped.
+
+        Parameters
+        ----------
+        path : path-like
+            The table of the run to continue.
+        columns : sequence of str
+            Signals, ``name [unit]``; must be those of the file.
+        time : float
+            Time of the restart, s.
+
+        Returns
+        -------
+        ProbeTable
+
+        Raises
+        ------
+        OutputError
+            If the file is missing, has other columns, or cannot be written.
+        """
+        with output_errors(path):
+            lines = Path(path).read_text(encoding="utf-8").splitlines(keepends=True)
+            header = _header_line(columns)
+            if not lines or lines[0] != header:
+                found = lines[0].strip() if lines else "nothing"
+                raise OutputError(path, f"has the columns {found}; the run has {header.strip()}")
+            # After a power failure the last line may be torn: it has no end.
+            rows = [line for line in lines[1:] if line.endswith("\n")]
+            kept = [row for row in rows if float(row.split(",", 1)[0]) <= time]
+        write_text(path, "".join([header, *kept]))
+        return cls(path, columns)
+
+    def write(self, time, values):
+        """Append one line.
+
+        Parameters
+        ----------
+        time : float
+            s.
+        values : sequence of float
+            One value a signal, in the units of the header.
+
+        Raises
+        ------
+        OutputError
+            If the line cannot be written; the lines before it stay as they were.
+        ValueError
+            If the number of values is not that of the columns.
+        """
+        if len(values) != len(self.columns):
+            raise ValueError(f"{len(values)} values for {len(self.columns)} signals")
+        line = ",".join([repr(float(time)), *(f"{value:.10g}" for value in values)]) + "\n"
+        data = line.encode()
+        with output_errors(self.path):
+            written = os.write(self._descriptor, data)
+            if written < len(data):
+                os.ftruncate(self._descriptor, os.fstat(self._descriptor).st_size - written)
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def sync(self):
+        """Wait until the lines are on the disk; call before a checkpoint relies on them.
+
+        Raises
+        ------
+        OutputError
+            If the disk did not take them.
+        """
+        with output_errors(self.path):
+            os.fsync(self._descriptor)
+
+    def close(self):
+        """Close the file."""
+        os.close(self._descriptor)
+
+
+def _header_line(columns):
+    """Return the first line of a table, names quoted where CSV needs it."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerow(["time [s]", *columns])
+    return text.getvalue()
+

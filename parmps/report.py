@@ -1,0 +1,174 @@
+"""What a person reads while a run goes on and after it: ``run.log``, progress, timer table.
+
+Used by one process only. Everything said goes to ``run.log`` and to the standard output; on a terminal a
+progress bar in simulated time takes the place of the progress lines, which then go to the log alone.
+"""
+
+import sys
+import time as clock
+from pathlib import Path
+
+from tqdm import tqdm
+
+from parmps.slabs import output_errors
+
+SECONDS_BETWEEN_LINES = 5.0
+"""Least wall time between two progress lines, s."""
+
+_BAR_FORMAT = "{percentage:3.0f}%|{bar}| {n:.3f}/{total:g} s simulated, {postfix}"
+
+
+class RunLog:
+    """The log of a run and its progress.
+
+    Parameters
+    ----------
+    path : path-like
+        ``run.log``; lines are added to it, so that a restart continues it.
+    terminal : bool
+        Whether a person watches a terminal: draw a progress bar.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written; so do all methods.
+    """
+
+    def __init__(self, path, terminal):
+        self.path = Path(path)
+        self._terminal = terminal
+        self._bar = None
+        with output_errors(self.path):
+            self._file = open(self.path, "a", encoding="utf-8", buffering=1)  # noqa: SIM115
+
+    def line(self, text=""):
+        """Write a line, or several, to the log and the standard output.
+
+        Parameters
+        ----------
+        text : str
+            What to say.
+        """
+        self._log(text)
+        if self._bar is not None:
+            self._bar.write(text, file=sys.stdout)
+        else:
+            print(text, flush=True)
+
+    def start(self, time, end):
+        """Begin to show progress.
+
+        Parameters
+        ----------
+        time, end : float
+            Simulated time now and at the end, s.
+        """
+        self._first_time, self._end = time, end
+        self._first_clock = self._last_clock = clock.monotonic()
+        if self._terminal:
+            self._bar = tqdm(total=end, initial=time, bar_format=_BAR_FORMAT, leave=True, dynamic_ncols=True)
+            self._bar.set_postfix_str("starting")
+
+    def progress(self, time, step, dt, iterations):
+        """Show how far the run is; call it every step, it speaks every few seconds.
+
+        Parameters
+        ----------
+        time : float
+            Simulated time, s.
+        step : int
+            Number of steps done.
+        dt : float
+            Last time step, s.
+        iterations : int
+            Iterations of the pressure solver in the last step.
+        """
+        now = clock.monotonic()
+        left = self._time_left(time, now)
+        if self._bar is not None:
+            self._bar.set_postfix_str(f"{left} left, dt {dt * 1e3:.3g} ms", refresh=False)
+            self._bar.update(time - self._bar.n)
+        if now - self._last_clock >= SECONDS_BETWEEN_LINES:
+            self._last_clock = now
+            text = (
+                f"t = {time:.4f} s of {self._end:g} s   step {step}   dt = {dt * 1e3:.3g} ms   "
+                f"{iterations} iterations   {left} left"
+            )
+            if self._bar is not None:
+                self._log(text)
+            else:
+                self.line(text)
+
+    def stop(self):
+        """End the progress bar, if there is one."""
+        if self._bar is not None:
+            self._bar.set_postfix_str(f"{duration(clock.monotonic() - self._first_clock)} taken")
+            self._bar.close()
+            self._bar = None
+
+    def close(self):
+        """End the progress bar and close the log."""
+        self.stop()
+        with output_errors(self.path):
+            self._file.close()
+
+    def _log(self, text):
+        """Write to the file alone."""
+        with output_errors(self.path):
+            self._file.write(text + "\n")
+
+    def _time_left(self, time, now):
+        """Return the wall time to the end at the mean speed so far, as text."""
+        done = time - self._first_time
+        if done <= 0.0:
+            return "unknown time"
+        return duration((self._end - time) / done * (now - self._first_clock))
+
+
+def duration(seconds):
+    """Return a wall time as a person would say it.
+
+    Parameters
+    ----------
+    seconds : float
+        s.
+
+    Returns
+    -------
+    str
+        Such as ``42 s``, ``3 min 05 s`` or ``2 h 10 min``.
+    """
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    if hours:
+        return f"{hours} h {minutes:02d} min"
+    if minutes:
+        return f"{minutes} min {rest:02d} s"
+    return f"{rest} s"
+
+
+def timer_table(stages, wall):
+    """Return the times of the stages as a table, the dearest first.
+
+    Parameters
+    ----------
+    stages : dict of str to dict
+        ``{"max": s, "mean": s}`` over the ranks, by stage, as in ``run.json``.
+    wall : float
+        Wall time of the time loop, s, which the shares refer to.
+
+    Returns
+    -------
+    str
+        Lines with the stage, its greatest and mean time over the ranks, and the share of the mean.
+    """
+    spent = sum(times["mean"] for times in stages.values())
+    rows = sorted(stages.items(), key=lambda item: -item[1]["mean"])
+    rows.append(("(not in a stage)", {"max": wall - spent, "mean": wall - spent}))
+    width = max(len("stage"), *(len(name) for name, _ in rows))
+    lines = [f"{'stage':<{width}}  {'max [s]':>10}  {'mean [s]':>10}  {'share':>6}"]
+    for name, times in rows:
+        share = times["mean"] / wall if wall > 0.0 else 0.0
+        lines.append(f"{name:<{width}}  {times['max']:>10.3f}  {times['mean']:>10.3f}  {share:>6.1%}")
+    lines.append(f"{'time loop':<{width}}  {wall:>10.3f}  {wall:>10.3f}  {1:>6.1%}")
+    return "\n".join(lines)

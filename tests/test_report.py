@@ -1,0 +1,88 @@
+"""What a person reads: log, progress and timer table."""
+
+import pytest
+
+from parmps import report
+from parmps.errors import OutputError
+from parmps.report import RunLog, duration, timer_table
+
+
+class Clock:
+    """A clock that the test moves."""
+
+    now = 100.0
+
+    def monotonic(self):
+        return self.now
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    clock = Clock()
+    monkeypatch.setattr(report, "clock", clock)
+    return clock
+
+
+def run(log, clock, steps=200):
+    log.line("parmps 0.1.0")
+    log.start(0.0, 10.0)
+    for step in range(1, steps + 1):
+        clock.now += 0.5
+        log.progress(0.05 * step, step, 0.05, 7)
+    log.close()
+
+
+def test_a_batch_log_has_a_line_every_few_seconds(tmp_path, clock, capsys):
+    run(RunLog(tmp_path / "run.log", terminal=False), clock)
+    lines = (tmp_path / "run.log").read_text().splitlines()
+    assert capsys.readouterr().out.splitlines() == lines
+    assert len(lines) == 1 + 200 * 0.5 / report.SECONDS_BETWEEN_LINES
+    expected = "t = 0.5000 s of 10 s   step 10   dt = 50 ms   7 iterations   1 min 35 s left"
+    assert lines[1] == expected
+
+
+def test_a_terminal_has_a_bar_and_the_log_has_the_lines(tmp_path, clock, capsys):
+    run(RunLog(tmp_path / "run.log", terminal=True), clock)
+    printed = capsys.readouterr()
+    assert printed.out.splitlines() == ["parmps 0.1.0"]
+    assert "100%" in printed.err
+    assert "1 min 40 s taken" in printed.err
+    assert len((tmp_path / "run.log").read_text().splitlines()) == 21
+
+
+def test_a_restart_adds_to_the_log_and_counts_from_its_start(tmp_path, clock, capsys):
+    path = tmp_path / "run.log"
+    path.write_text("before\n")
+    log = RunLog(path, terminal=False)
+    log.start(9.0, 10.0)
+    clock.now += 20.0
+    log.progress(9.5, 900, 0.05, 7)
+    log.close()
+    assert path.read_text().startswith("before\nt = 9.5000 s")
+    assert "20 s left" in capsys.readouterr().out
+
+
+def test_a_log_that_cannot_be_written_is_an_output_error(tmp_path):
+    with pytest.raises(OutputError, match="run.log: No such file or directory"):
+        RunLog(tmp_path / "missing" / "run.log", terminal=False)
+    log = RunLog("/dev/full", terminal=False)
+    with pytest.raises(OutputError, match="/dev/full: No space left on device"):
+        log.line("text")
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(0.2, "0 s"), (59.7, "1 min 00 s"), (185, "3 min 05 s"), (7800, "2 h 10 min")],
+)
+def test_durations(seconds, text):
+    assert duration(seconds) == text
+
+
+def test_timer_table_is_sorted_and_adds_up():
+    stages = {"shift": {"max": 1.0, "mean": 0.5}, "pressure solve": {"max": 7.0, "mean": 6.5}}
+    lines = timer_table(stages, 10.0).splitlines()
+    assert [line.split("  ")[0] for line in lines[1:3]] == ["pressure solve", "shift"]
+    assert lines[1].split()[-3:] == ["7.000", "6.500", "65.0%"]
+    assert lines[3].split()[-3:] == ["3.000", "3.000", "30.0%"]
+    assert lines[4].split()[-3:] == ["10.000", "10.000", "100.0%"]
+    assert len({len(line) for line in lines}) == 1

@@ -1,0 +1,81 @@
+#!/usr/bin/env bash
+# Sets up what parmps needs on Debian: system packages, then a virtual environment in .venv.
+# usage: tools/setup.sh [test]      "test" adds what `make test` and `make lint` need
+# Does nothing when all is in place; see the README for other systems.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+level=${1:-run}
+# MPI, PETSc and HDF5 come from Debian, built for each other; the rest from the Python package index.
+packages=(make openmpi-bin python3-venv python3-mpi4py python3-petsc4py python3-h5py)
+python=/usr/bin/python3 # Debian's own: its packages serve no other Python on the PATH
+
+fail() {
+    printf 'parmps setup: %s\n' "$*" >&2
+    exit 1
+}
+
+install_packages() {
+    local package missing=() root=()
+    command -v apt-get dpkg-query >/dev/null || fail "this is not a Debian system (no apt-get)." \
+        "Install MPI, mpi4py, petsc4py with PETSc and h5py by other means (README, \"Other systems\")," \
+        "then: pip install '.[plot]'"
+    for package in "${packages[@]}"; do
+        [[ $(dpkg-query -W -f '${db:Status-Status}' "$package" 2>/dev/null) == installed ]] || missing+=("$package")
+    done
+    [[ ${#missing[@]} -gt 0 ]] || return 0
+    if [[ $EUID -ne 0 ]]; then
+        if sudo -n true 2>/dev/null; then
+            root=(sudo -n)
+        elif [[ -t 0 ]] && command -v sudo >/dev/null; then
+            root=(sudo)
+        else
+            fail "needs an administrator once, for: apt-get install ${missing[*]}"
+        fi
+    fi
+    echo "parmps setup: installing ${missing[*]}"
+    "${root[@]}" apt-get update -qq || fail "apt-get update failed"
+    "${root[@]}" env DEBIAN_FRONTEND=noninteractive \
+        apt-get install -qq -y --no-install-recommends "${missing[@]}" >/dev/null \
+        || fail "could not install: ${missing[*]}"
+}
+
+# Prints the requirements of pyproject.toml, less those that Debian provides.
+requirements() {
+    "$python" - "$level" <<'PYTHON'
+import re
+import sys
+import tomllib
+
+with open("pyproject.toml", "rb") as file:
+    project = tomllib.load(file)["project"]
+wanted = project["dependencies"] + project["optional-dependencies"]["plot"]
+if sys.argv[1] == "test":
+    wanted += project["optional-dependencies"]["test"]
+for requirement in wanted:
+    if re.match(r"[\w-]+", requirement)[0] not in ("mpi4py", "petsc4py", "h5py"):
+        print(requirement)
+PYTHON
+}
+
+make_environment() {
+    local stamp=.venv/setup-$level key needed site petsc
+    key=$(cat pyproject.toml tools/setup.sh <(pwd) | sha256sum)
+    [[ -x .venv/bin/python && -f $stamp && $(<"$stamp") == "$key" ]] && return
+    echo "parmps setup: making .venv"
+    "$python" -m venv --system-site-packages .venv || fail "could not make .venv"
+    mapfile -t needed < <(requirements)
+    .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-input "${needed[@]}" \
+        || fail "could not install: ${needed[*]}"
+    site=$(.venv/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
+    # Without its -dev package, Debian's petsc4py lies where Python does not look.
+    petsc=$(compgen -G '/usr/lib/petscdir/petsc*/*-real/lib/python3/dist-packages' | sort -V | tail -n 1)
+    printf '%s\n' "$petsc" >"$site/petsc4py-debian.pth"
+    pwd >"$site/parmps.pth"
+    .venv/bin/python -c 'import h5py, mpi4py, numba, petsc4py.PETSc, parmps' || fail ".venv does not work"
+    printf '%s' "$key" >"$stamp"
+    echo "parmps setup: done"
+}
+
+install_packages
+make_environment
