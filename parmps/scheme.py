@@ -20,11 +20,12 @@ PRESETS = {
         "gradient": "sum",
         "position": "moved",
         "surface": "dirichlet",
-        "shifting": 0.0,
+        "gamma": 0.01,
+        "volume_time": None,
     },
-    "fast": {"ksp_rtol": 1e-3},
+    "fast": {"ksp_rtol": 1e-3, "volume_radius": 2.1},
     "balanced": {},
-    "accurate": {"ksp_rtol": 1e-8},
+    "accurate": {"ksp_rtol": 1e-6},
 }
 
 PresetName = Literal["papers", "fast", "balanced", "accurate"]
@@ -55,38 +56,65 @@ class Scheme(Section):
         default="start",
     )
     surface: Literal["ghost", "dirichlet"] = setting(
-        "free surface: virtual zero-pressure particles for the missing density (ghost; Shibata 2015), or "
+        "free surface: virtual zero-pressure particles half a spacing above (ghost; after Shibata 2015), or "
         "P = 0 on the surface particles (dirichlet; [004])",
         default="ghost",
     )
     gamma: Number = setting(
         "share of the density error in the pressure equation's source, per step; 0.01 in [000] eq. 9 and "
-        "[002] eq. 11",
-        default=0.01,
+        "[002] eq. 11; with position start, of the error above overdensity alone",
+        default=0.05,
         ge=0,
         le=1,
+    )
+    overdensity: Number = setting(
+        "number density, over n0, above which particles are pushed apart (position start)",
+        default=1.03,
+        ge=1,
+        le=2,
     )
     volume_time: Annotated[Number, Field(gt=0, le=1e3)] | None = setting(
-        "relaxation time of the density error; when given, gamma is the time step divided by it",
+        "relaxation time of the volume error, measured with a wide smooth weight (position start); null: none",
         "s",
-        None,
+        0.5,
+    )
+    volume_radius: Number = setting(
+        "reach of the smooth weight that measures the volume error", "l0", 3.1, ge=1.6, le=5
     )
     shifting: Number = setting(
-        "particle shifting towards a uniform spacing, 0 for none (after Khayyer 2017)",
-        default=0.1,
+        "particle shifting towards even spacing, per Courant number (position start; after Khayyer 2017)",
+        default=0.5,
         ge=0,
-        le=1,
+        le=10,
+    )
+    damping: Number = setting(
+        "damping of velocity differences that no linear field explains, per Courant number (position start)",
+        default=2.0,
+        ge=0,
+        le=10,
+    )
+    predictor_limit: Number = setting(
+        "greatest difference of the predicted pressure acceleration from the body force, over the body force; "
+        "0 for no prediction (position start)",
+        default=1.0,
+        ge=0,
+        le=100,
+    )
+    divergence_floor: Number = setting(
+        "least eigenvalue of the moment matrices of the divergence", default=0.5, gt=0, le=1
+    )
+    gradient_floor: Number = setting(
+        "least eigenvalue of the moment matrices of the pressure gradient", default=0.75, gt=0, le=1
     )
     collision_distance: Number = setting(
-        "distance below which two particles repel each other; 0 for never", "l0", 0.5, ge=0, le=1
+        "distance below which two particles that approach each other are stopped; 0 for never",
+        "l0",
+        0.5,
+        ge=0,
+        le=1,
     )
     ksp_rtol: Number = setting(
         "relative tolerance of the linear solver for the pressure", default=1e-4, ge=1e-14, le=1e-1
-    )
-    viscosity: Literal["auto", "explicit", "implicit"] = setting(
-        "time integration of the viscous term; auto: implicit when the explicit limit would set the time "
-        "step",
-        default="auto",
     )
 
 

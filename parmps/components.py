@@ -1,0 +1,123 @@
+"""Parts of the liquid that no free surface holds: their pressure is known only up to a constant.
+
+A closed tank that is completely full, and a full compartment beside a partly filled one, have no particle of
+known pressure. Their block of the pressure matrix is singular: its right-hand side is made to sum to zero, a
+shift of the diagonal far below the solver's tolerance makes the block regular, and the level of the pressure is
+set afterwards so that its least value is zero.
+"""
+
+import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
+
+SHIFT = 1e-9
+"""Relative shift of the diagonal."""
+
+
+class Floating:
+    """The rows of this rank in parts without a known pressure.
+
+    Parameters
+    ----------
+    label : (rows,) int64
+        Part of each row, numbered alike on all ranks, or -1 where a free surface holds the pressure.
+    count : int
+        Number of such parts.
+    """
+
+    def __init__(self, label, count):
+        self.count = count
+        self._rows = np.flatnonzero(label >= 0)
+        self._label = label[self._rows]
+
+    def fix(self, domain, row_first, values, rhs):
+        """Make the singular blocks of the matrix regular and their equations consistent.
+
+        Parameters
+        ----------
+        domain : Domain
+        row_first, values
+            The matrix, diagonal first in each row; its diagonal is changed.
+        rhs : (rows,) float64
+            Changed.
+        """
+        if self.count == 0:
+            return
+        values[row_first[self._rows]] *= 1.0 + SHIFT
+        sums = domain.sum(
+            np.array(
+                [
+                    np.bincount(self._label, rhs[self._rows], self.count),
+                    np.bincount(self._label, minlength=self.count),
+                ]
+            )
+        )
+        rhs[self._rows] -= (sums[0] / sums[1])[self._label]
+
+    def level(self, domain, pressure):
+        """Set the least pressure of each part to zero.
+
+        Parameters
+        ----------
+        domain : Domain
+        pressure : (rows,) float64, Pa
+            Changed.
+        """
+        if self.count == 0:
+            return
+        least = np.full(self.count, np.inf)
+        np.minimum.at(least, self._label, pressure[self._rows])
+        pressure[self._rows] -= domain.min(least)[self._label]
+
+
+def floating_components(domain, column, row_first, columns, held):
+    """Find the connected parts of the pressure equation that have no particle of known pressure.
+
+    Parameters
+    ----------
+    domain : Domain
+    column : (n,) int
+        Global row of each particle, own and halo, -1 for none.
+    row_first, columns
+        The matrix of this rank's rows.
+    held : (rows,) bool or int8
+        Rows whose pressure is tied to a known one: particles of the free surface.
+
+    Returns
+    -------
+    Floating
+    """
+    rows = len(row_first) - 1
+    known = np.flatnonzero(column >= 0)
+    order = known[np.argsort(column[known])]
+    if len(order):
+        local = order[np.searchsorted(column[order], columns)]
+        graph = csr_matrix((np.ones(len(local), np.int8), local, row_first), shape=(rows, len(column)))
+        graph.resize(len(column), len(column))
+        parts, part = connected_components(graph, directed=False)
+    else:
+        parts, part = 0, np.zeros(len(column), int)
+    # Ranks agree on labels, and on what is held, by passing the least label and the most held along.
+    label = np.where(column >= 0, column.astype(np.int64), np.iinfo(np.int64).max)
+    tied = np.zeros(len(column), np.int64)
+    tied[:rows] = held != 0
+    alone = np.diff(row_first) == 1  # dry wall particles and liquid particles alone have P = 0
+    tied[:rows][alone] = 1
+    while True:
+        least = np.full(parts, np.iinfo(np.int64).max)
+        most = np.zeros(parts, np.int64)
+        np.minimum.at(least, part, label)
+        np.maximum.at(most, part, tied)
+        changed = int(np.any(least[part] != label) or np.any(most[part] != tied)) if parts else 0
+        if parts:
+            label, tied = least[part], most[part]
+        before = label.copy(), tied.copy()
+        domain.exchange(label, tied)
+        changed |= int(np.any(before[0] != label) or np.any(before[1] != tied))
+        if not domain.max(changed):
+            break
+    free = tied[:rows] == 0
+    names = sorted(set().union(*domain.gather(set(label[:rows][free].tolist()))))
+    number = np.full(rows, -1)
+    number[free] = np.searchsorted(names, label[:rows][free])
+    return Floating(number, len(names))

@@ -1,0 +1,310 @@
+"""Domain decomposition: who owns which particle, migration, halo exchange, and sums over the ranks.
+
+The only module that knows MPI. Ownership follows a recursive coordinate bisection and changes only when the
+balance or the halo has become worse; which particles the neighbouring ranks need is found again whenever the
+particles may have moved further than the margin of the halo.
+"""
+
+import numpy as np
+from mpi4py import MPI
+
+from parmps.particles import FIELDS, Particles
+
+_BISECTIONS = 48
+
+
+class Domain:
+    """The ranks of a run and the traffic among them.
+
+    Parameters
+    ----------
+    comm : mpi4py.MPI.Comm, optional
+        All ranks by default.
+
+    Attributes
+    ----------
+    rank, size : int
+    comm : mpi4py.MPI.Comm
+    halo : int
+        Number of particles in the halo of this rank.
+    """
+
+    def __init__(self, comm=None):
+        self.comm = MPI.COMM_WORLD if comm is None else comm
+        self.rank, self.size = self.comm.rank, self.comm.size
+        self.halo = 0
+        self._sends, self._receives = [], []  # (rank, indices) and (rank, begin, end)
+        self._channels = {}
+
+    # Sums over the ranks
+
+    def sum(self, values):
+        """Sum over the ranks, element by element.
+
+        Parameters
+        ----------
+        values : float or array
+
+        Returns
+        -------
+        array or float
+        """
+        return self._reduce(values, MPI.SUM)
+
+    def max(self, values):
+        """Maximum over the ranks, element by element; NaN wins."""
+        return self._reduce(values, MPI.MAX)
+
+    def min(self, values):
+        """Minimum over the ranks, element by element."""
+        return self._reduce(values, MPI.MIN)
+
+    def _reduce(self, values, operation):
+        if self.size == 1:
+            return values
+        array = np.asarray(values)
+        out = np.empty_like(array)
+        self.comm.Allreduce(array, out, operation)
+        return out if np.ndim(values) else out[()]
+
+    def first_of(self, count):
+        """Number of items on the ranks before this one.
+
+        Parameters
+        ----------
+        count : int
+            Items on this rank.
+
+        Returns
+        -------
+        int
+        """
+        return self.comm.exscan(count) or 0
+
+    def gather(self, value):
+        """Values of all ranks, on all of them; for a few numbers.
+
+        Parameters
+        ----------
+        value : object
+
+        Returns
+        -------
+        list
+        """
+        return self.comm.allgather(value)
+
+    def share(self, value):
+        """Value of rank 0, on all ranks.
+
+        Parameters
+        ----------
+        value : object
+
+        Returns
+        -------
+        object
+        """
+        return self.comm.bcast(value)
+
+    def barrier(self):
+        """Wait for all ranks."""
+        self.comm.Barrier()
+
+    def abort(self, status):
+        """End all ranks at once, because this one cannot go on.
+
+        Parameters
+        ----------
+        status : int
+            Exit status of the run.
+        """
+        self.comm.Abort(status)
+
+    # Ownership
+
+    def distribute(self, particles, weight, cell):
+        """Give every rank a box of particles of nearly equal cost, and sort them by kind and place.
+
+        Parameters
+        ----------
+        particles : Particles
+        weight : (owned,) float64
+            Cost of each particle.
+        cell : float
+            Edge of the cells that the particles are sorted by, m.
+
+        Returns
+        -------
+        Particles
+            Those that the rank owns now, without a halo.
+        """
+        arrays = particles.arrays()
+        if self.size > 1:
+            arrays = self._migrate(arrays, self._bisect(arrays["position"], weight))
+        particles = Particles(arrays)
+        cells = np.floor(particles.position / cell).astype(np.int64)
+        order = np.lexsort((particles.id, cells[:, 2], cells[:, 1], cells[:, 0], particles.kind % 3))
+        particles.take(order)
+        self.halo = 0
+        return particles
+
+    def _bisect(self, position, weight):
+        """Recursive coordinate bisection: the rank that each particle goes to."""
+        begin = np.zeros(len(position), np.int64)  # each particle's group of ranks [begin, end)
+        end = np.full(len(position), self.size, np.int64)
+        groups = [(0, self.size)]
+        # Ties, as in a column of the lattice, are cut along the other axes.
+        skew = position @ np.array([[1.0, 1e-5, 1e-4], [1e-5, 1.0, 1e-4], [1e-4, 1e-5, 1.0]]).T
+        while groups:
+            index = np.full(self.size, -1)
+            index[[first for first, _ in groups]] = np.arange(len(groups))
+            active = end - begin > 1
+            group = np.where(active, index[begin], -1)
+            lower = np.full((len(groups), 3), np.inf)
+            upper = np.full((len(groups), 3), -np.inf)
+            np.minimum.at(lower, group[active], skew[active])
+            np.maximum.at(upper, group[active], skew[active])
+            lower, upper = self.min(lower), self.max(upper)
+            axis = np.argmax(np.where(np.isfinite(upper - lower), upper - lower, -1.0), axis=1)
+            rows = np.arange(len(groups))
+            low, high = lower[rows, axis].copy(), upper[rows, axis].copy()
+            low[~np.isfinite(low)] = high[~np.isfinite(high)] = 0.0
+            key = np.where(active, skew[np.arange(len(skew)), axis[group]], 0.0)
+            total = self.sum(np.bincount(group[active], weight[active], len(groups)))
+            target = total * np.array([((e - b) // 2) / (e - b) for b, e in groups])
+            for _ in range(_BISECTIONS):
+                middle = 0.5 * (low + high)
+                below = active & (key < middle[group])
+                done = self.sum(np.bincount(group[below], weight[below], len(groups)))
+                low = np.where(done < target, middle, low)
+                high = np.where(done < target, high, middle)
+            cut = np.array([b + (e - b) // 2 for b, e in groups])
+            left = active & (key < high[group])
+            right = active & ~left
+            end[left] = cut[group[left]]
+            begin[right] = cut[group[right]]
+            halves = [half for (b, e), c in zip(groups, cut, strict=True) for half in ((b, int(c)), (int(c), e))]
+            groups = [(b, e) for b, e in halves if e - b > 1]
+        return begin
+
+    def _migrate(self, arrays, target):
+        """Send every particle to the rank ``target``."""
+        record = np.dtype([(name, dtype, shape) for name, (dtype, shape) in FIELDS.items()])
+        order = np.argsort(target, kind="stable")
+        outgoing = np.empty(len(target), record)
+        for name in FIELDS:
+            outgoing[name] = arrays[name][order]
+        send = np.bincount(target, minlength=self.size)
+        receive = np.empty_like(send)
+        self.comm.Alltoall(send, receive)
+        incoming = np.empty(receive.sum(), record)
+        kind = MPI.BYTE.Create_contiguous(record.itemsize).Commit()
+        self.comm.Alltoallv([outgoing, (send, _starts(send)), kind], [incoming, (receive, _starts(receive)), kind])
+        kind.Free()
+        return {name: incoming[name] for name in FIELDS}
+
+    # Halo
+
+    def build_halo(self, particles, width):
+        """Find the particles of other ranks within ``width`` of this rank's, and copy all their fields.
+
+        Parameters
+        ----------
+        particles : Particles
+            Gets the halo behind its owned particles.
+        width : float
+            m.
+        """
+        if self.size == 1:
+            return
+        position = particles.position[: particles.owned]
+        box = np.array([[np.inf] * 3, [-np.inf] * 3])
+        if particles.owned:
+            box = np.array([position.min(axis=0), position.max(axis=0)])
+        boxes = np.empty((self.size, 2, 3))
+        self.comm.Allgather(box, boxes)
+        near = np.all((boxes[:, 0] <= box[1] + width) & (boxes[:, 1] >= box[0] - width), axis=1)
+        near[self.rank] = False
+        neighbours = np.flatnonzero(near)
+        self._sends = []
+        counts, requests = np.zeros(len(neighbours), np.int64), []
+        for k, other in enumerate(neighbours):
+            inside = np.all((position >= boxes[other, 0] - width) & (position <= boxes[other, 1] + width), axis=1)
+            indices = np.flatnonzero(inside)
+            self._sends.append((int(other), indices))
+            requests.append(self.comm.Irecv(counts[k : k + 1], other, 1))
+        sizes = np.array([len(indices) for _, indices in self._sends], np.int64)
+        for k, other in enumerate(neighbours):
+            self.comm.Send(sizes[k : k + 1], other, 1)
+        MPI.Request.Waitall(requests)
+        ends = particles.owned + np.cumsum(counts)
+        begins = ends - counts
+        self._receives = [
+            (int(o), int(b), int(e)) for o, b, e in zip(neighbours, begins, ends, strict=True)
+        ]
+        self.halo = int(counts.sum())
+        particles.resize(particles.owned + self.halo)
+        self._close_channels()
+        self.exchange(*(getattr(particles, name) for name in FIELDS))
+
+    def exchange(self, *arrays):
+        """Fill the halo's rows of arrays from the ranks that own them.
+
+        Parameters
+        ----------
+        *arrays : (owned + halo, ...) array
+        """
+        if self.size == 1:
+            return
+        columns = [a.reshape(len(a), -1).view(np.uint8).reshape(len(a), -1) for a in arrays]
+        width = sum(c.shape[1] for c in columns)
+        channel = self._channels.get(width)
+        if channel is None:
+            channel = self._channels[width] = _Channel(self.comm, self._sends, self._receives, width)
+        channel.start(columns)
+        channel.finish(columns)
+
+    def _close_channels(self):
+        for channel in self._channels.values():
+            channel.close()
+        self._channels = {}
+
+
+class _Channel:
+    """Persistent requests for one number of bytes a particle."""
+
+    def __init__(self, comm, sends, receives, width):
+        self.sends = [(indices, np.empty((len(indices), width), np.uint8)) for _, indices in sends]
+        self.receives = [(begin, end, np.empty((end - begin, width), np.uint8)) for _, begin, end in receives]
+        pairs = zip(receives, self.receives, strict=True)
+        self.requests = [comm.Recv_init(buffer, rank, 2) for (rank, _, _), (_, _, buffer) in pairs]
+        pairs = zip(sends, self.sends, strict=True)
+        self.requests += [comm.Send_init(buffer, rank, 2) for (rank, _), (_, buffer) in pairs]
+
+    def start(self, columns):
+        for indices, buffer in self.sends:
+            at = 0
+            for column in columns:
+                width = column.shape[1]
+                buffer[:, at : at + width] = column[indices]
+                at += width
+        MPI.Prequest.Startall(self.requests)
+
+    def finish(self, columns):
+        MPI.Request.Waitall(self.requests)
+        for begin, end, buffer in self.receives:
+            at = 0
+            for column in columns:
+                width = column.shape[1]
+                column[begin:end] = buffer[:, at : at + width]
+                at += width
+
+    def close(self):
+        for request in self.requests:
+            request.Free()
+
+
+def _starts(counts):
+    """Where each block begins, of blocks that follow each other."""
+    return np.concatenate(([0], np.cumsum(counts)[:-1]))

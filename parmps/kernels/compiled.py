@@ -1,0 +1,6 @@
+"""How kernels are compiled."""
+
+from numba import njit
+
+compiled = njit(cache=True, error_model="numpy", fastmath={"contract", "arcp", "nsz", "reassoc"}, nogil=True)
+"""Decorator of all kernels: compiled once and kept on disk; NaN and infinity keep their meaning."""

@@ -1,0 +1,288 @@
+"""Number density, asymmetry and moments of the neighbourhood: all that depends on positions alone."""
+
+import math
+
+import numpy as np
+
+from parmps.kernels.compiled import compiled
+from parmps.kernels.weight import smooth_weight, weight
+
+
+@compiled
+def moments(position, kind, first, other, l0, reach, n0, dimension, density, asymmetry, lean, matrix):
+    """Sum the weights around each particle of the rows.
+
+    Parameters
+    ----------
+    position : (n, 3) float64, m
+    kind : (n,) int8
+    first, other
+        Neighbour lists, as made by `find_pairs`.
+    l0 : float
+        Spacing, m.
+    reach : float
+        Radius r_e, in spacings.
+    n0 : float
+        Lattice number density.
+    dimension : int
+    density : (rows,) float64
+        Filled: n_i = sum W ([004], number density).
+    asymmetry : (rows, 3) float64
+        Filled: F_i = D/n0 sum W (r_i - r_j)/r_ij ([002] eq. 13).
+    lean : (rows, 3) float64
+        Filled: -sum W (r_j - r_i)/r_ij^2, in 1/spacings, over fluid and wall particles: what the missing
+        neighbours would add.
+    matrix : (rows, 6) float64
+        Filled: D/n0 sum W (r_j - r_i)(r_j - r_i)^T / r_ij^2, as xx, xy, xz, yy, yz, zz, over fluid and wall
+        particles; the identity on the lattice (Duan 2018).
+    """
+    scale = dimension / n0
+    for i in range(first.shape[0] - 1):
+        x, y, z = position[i, 0], position[i, 1], position[i, 2]
+        n = fx = fy = fz = qx = qy = qz = 0.0
+        xx = xy = xz = yy = yz = zz = 0.0
+        for k in range(first[i], first[i + 1]):
+            j = other[k]
+            dx = (position[j, 0] - x) / l0
+            dy = (position[j, 1] - y) / l0
+            dz = (position[j, 2] - z) / l0
+            r2 = dx * dx + dy * dy + dz * dz
+            if r2 >= reach * reach:
+                continue
+            r = math.sqrt(r2)
+            w = weight(r, reach)
+            n += w
+            u = w / r
+            fx -= u * dx
+            fy -= u * dy
+            fz -= u * dz
+            if kind[j] == 2:
+                continue
+            u = w / r2
+            qx -= u * dx
+            qy -= u * dy
+            qz -= u * dz
+            xx += u * dx * dx
+            xy += u * dx * dy
+            xz += u * dx * dz
+            yy += u * dy * dy
+            yz += u * dy * dz
+            zz += u * dz * dz
+        density[i] = n
+        asymmetry[i, 0], asymmetry[i, 1], asymmetry[i, 2] = scale * fx, scale * fy, scale * fz
+        lean[i, 0], lean[i, 1], lean[i, 2] = qx, qy, qz
+        matrix[i, 0], matrix[i, 1], matrix[i, 2] = scale * xx, scale * xy, scale * xz
+        matrix[i, 3], matrix[i, 4], matrix[i, 5] = scale * yy, scale * yz, scale * zz
+
+
+@compiled
+def rotate(a, v, p, q):
+    """Turn the pair (p, q) of a symmetric matrix so that a[p, q] vanishes (Jacobi rotation).
+
+    Parameters
+    ----------
+    a, v : (3, 3) float64
+        The matrix, and the product of the rotations so far; both are changed.
+    p, q : int
+    """
+    if a[p, q] == 0.0:
+        return
+    theta = (a[q, q] - a[p, p]) / (2.0 * a[p, q])
+    t = 1.0 / (abs(theta) + math.sqrt(theta * theta + 1.0))
+    if theta < 0.0:
+        t = -t
+    c = 1.0 / math.sqrt(t * t + 1.0)
+    s = t * c
+    for k in range(3):
+        a[k, p], a[k, q] = c * a[k, p] - s * a[k, q], s * a[k, p] + c * a[k, q]
+    for k in range(3):
+        a[p, k], a[q, k] = c * a[p, k] - s * a[q, k], s * a[p, k] + c * a[q, k]
+        v[k, p], v[k, q] = c * v[k, p] - s * v[k, q], s * v[k, p] + c * v[k, q]
+
+
+@compiled
+def invert(matrix, floor, dimension, inverse):
+    """Invert the moment matrices, their eigenvalues raised to ``floor`` at least.
+
+    Where neighbours are few, the correction would magnify noise, and the pressure would feed energy to the
+    liquid next to a ragged surface; with bounded eigenvalues it does not.
+
+    Parameters
+    ----------
+    matrix : (rows, 6) float64
+        As in `moments`.
+    floor : float
+    dimension : int
+        In 2D the y axis takes no part.
+    inverse : (rows, 6) float64
+        Filled; may be ``matrix`` itself.
+    """
+    a = np.empty((3, 3))
+    v = np.empty((3, 3))
+    for i in range(matrix.shape[0]):
+        xx, xy, xz = matrix[i, 0], matrix[i, 1], matrix[i, 2]
+        yy, yz, zz = matrix[i, 3], matrix[i, 4], matrix[i, 5]
+        if dimension == 2:
+            yy = 1.0
+        cxx = yy * zz - yz * yz
+        cxy = xz * yz - xy * zz
+        cxz = xy * yz - xz * yy
+        determinant = xx * cxx + xy * cxy + xz * cxz
+        sx, sy, sz = xx - floor, yy - floor, zz - floor
+        minor = sx * sy - xy * xy
+        last = sz * minor + xy * (xz * yz) + xz * (xy * yz) - sx * yz * yz - sy * xz * xz
+        if sx >= 0.0 and minor >= 0.0 and last >= 0.0:  # no eigenvalue is below the floor (Sylvester)
+            inverse[i, 0] = cxx / determinant
+            inverse[i, 1] = cxy / determinant
+            inverse[i, 2] = cxz / determinant
+            inverse[i, 3] = (xx * zz - xz * xz) / determinant
+            inverse[i, 4] = (xy * xz - xx * yz) / determinant
+            inverse[i, 5] = (xx * yy - xy * xy) / determinant
+            continue
+        a[0, 0], a[0, 1], a[0, 2] = xx, xy, xz
+        a[1, 0], a[1, 1], a[1, 2] = xy, yy, yz
+        a[2, 0], a[2, 1], a[2, 2] = xz, yz, zz
+        v[:] = 0.0
+        v[0, 0] = v[1, 1] = v[2, 2] = 1.0
+        for _ in range(5):  # converges quadratically
+            rotate(a, v, 0, 2)
+            rotate(a, v, 0, 1)
+            rotate(a, v, 1, 2)
+        ex, ey, ez = 1.0 / max(a[0, 0], floor), 1.0 / max(a[1, 1], floor), 1.0 / max(a[2, 2], floor)
+        inverse[i, 0] = ex * v[0, 0] * v[0, 0] + ey * v[0, 1] * v[0, 1] + ez * v[0, 2] * v[0, 2]
+        inverse[i, 1] = ex * v[0, 0] * v[1, 0] + ey * v[0, 1] * v[1, 1] + ez * v[0, 2] * v[1, 2]
+        inverse[i, 2] = ex * v[0, 0] * v[2, 0] + ey * v[0, 1] * v[2, 1] + ez * v[0, 2] * v[2, 2]
+        inverse[i, 3] = ex * v[1, 0] * v[1, 0] + ey * v[1, 1] * v[1, 1] + ez * v[1, 2] * v[1, 2]
+        inverse[i, 4] = ex * v[1, 0] * v[2, 0] + ey * v[1, 1] * v[2, 1] + ez * v[1, 2] * v[2, 2]
+        inverse[i, 5] = ex * v[2, 0] * v[2, 0] + ey * v[2, 1] * v[2, 1] + ez * v[2, 2] * v[2, 2]
+
+
+@compiled
+def smooth_density(position, first, other, l0, reach, rows, density):
+    """Sum the smooth weight around each fluid particle, itself included.
+
+    Parameters
+    ----------
+    position : (n, 3) float64, m
+    first, other
+        Neighbour lists that reach at least as far as ``reach``.
+    l0 : float
+        Spacing, m.
+    reach : float
+        In spacings.
+    rows : int
+        Number of particles to sum around.
+    density : (rows,) float64
+        Filled.
+    """
+    for i in range(rows):
+        total = 1.0
+        for k in range(first[i], first[i + 1]):
+            j = other[k]
+            dx = (position[j, 0] - position[i, 0]) / l0
+            dy = (position[j, 1] - position[i, 1]) / l0
+            dz = (position[j, 2] - position[i, 2]) / l0
+            total += smooth_weight(math.sqrt(dx * dx + dy * dy + dz * dz), reach)
+        density[i] = total
+
+
+@compiled
+def mark_surface(density, asymmetry, n0, threshold, surface):
+    """Tell the particles of the free surface ([004] eq. 17 and the density window below it).
+
+    A particle of n <= 0.8 n0 is in the surface, one of n >= 0.97 n0 is not; between them it is where the
+    asymmetry |F| exceeds 0.9 |F|0.
+
+    Parameters
+    ----------
+    density : (rows,) float64
+    asymmetry : (rows, 3) float64
+    n0 : float
+    threshold : float
+        0.9 |F|0.
+    surface : (n,) int8
+        Filled for the rows: 1 in the surface, 0 elsewhere.
+    """
+    for i in range(density.shape[0]):
+        n = density[i] / n0
+        f2 = asymmetry[i, 0] ** 2 + asymmetry[i, 1] ** 2 + asymmetry[i, 2] ** 2
+        surface[i] = n <= 0.8 or (n < 0.97 and f2 > threshold * threshold)
+
+
+@compiled
+def spread(flag, first, other, rows, out):
+    """Mark the particles that are marked or have a marked neighbour.
+
+    Parameters
+    ----------
+    flag : (n,) int8
+    first, other
+        Neighbour lists.
+    rows : int
+    out : (n,) int8
+        Filled for the rows.
+    """
+    for i in range(rows):
+        out[i] = flag[i]
+        for k in range(first[i], first[i + 1]):
+            if flag[other[k]] != 0:
+                out[i] = 1
+                break
+
+
+@compiled
+def surface_normals(position, kind, asymmetry, surface, first, other, l0, reach, rows, out):
+    """Normal of the free surface near each particle: the weighted mean of the asymmetry of its neighbours in it.
+
+    Parameters
+    ----------
+    position : (n, 3) float64, m
+    kind : (n,) int8
+    asymmetry : (n, 3) float64
+    surface : (n,) int8
+    first, other
+        Neighbour lists.
+    l0 : float
+        Spacing, m.
+    reach : float
+        In spacings.
+    rows : int
+    out : (rows, 3) float64
+        Filled: a unit vector out of the liquid, or 0 away from the surface.
+    """
+    for i in range(rows):
+        nx = ny = nz = 0.0
+        if surface[i] != 0:
+            nx, ny, nz = asymmetry[i, 0], asymmetry[i, 1], asymmetry[i, 2]
+        for k in range(first[i], first[i + 1]):
+            j = other[k]
+            if kind[j] != 0 or surface[j] == 0:
+                continue
+            dx = (position[j, 0] - position[i, 0]) / l0
+            dy = (position[j, 1] - position[i, 1]) / l0
+            dz = (position[j, 2] - position[i, 2]) / l0
+            r2 = dx * dx + dy * dy + dz * dz
+            if r2 < reach * reach:
+                w = weight(math.sqrt(r2), reach)
+                nx += w * asymmetry[j, 0]
+                ny += w * asymmetry[j, 1]
+                nz += w * asymmetry[j, 2]
+        size = math.sqrt(nx * nx + ny * ny + nz * nz)
+        if size > 0.0:
+            nx, ny, nz = nx / size, ny / size, nz / size
+        out[i, 0], out[i, 1], out[i, 2] = nx, ny, nz
+
+
+def lattice_matrix(rows):
+    """Moment matrices of the lattice, for the operators without correction.
+
+    Parameters
+    ----------
+    rows : int
+
+    Returns
+    -------
+    (rows, 6) float64
+        Identity matrices, as xx, xy, xz, yy, yz, zz.
+    """
+    return np.tile(np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0]), (rows, 1))

@@ -1,0 +1,195 @@
+"""Pressure gradients."""
+
+import math
+
+from parmps.kernels.compiled import compiled
+from parmps.kernels.weight import weight
+
+
+@compiled
+def corrected_gradient(
+    position, pressure, kind, surface, lean, first, other, inverse, l0, reach, n0, dimension, rows, out
+):
+    """Gradient from P_j - P_i with the inverse moment matrix, exact for linear fields (Duan 2018).
+
+    In the surface, zero pressure half a spacing above the particle takes part with the missing neighbours'
+    weight, as in the pressure equation; its moment must be in ``inverse``.
+
+    Parameters
+    ----------
+    position : (n, 3) float64, m
+    pressure : (n,) float64, Pa
+    kind, surface : (n,) int8
+    lean : (rows, 3) float64
+        As in `moments`.
+    first, other
+        Neighbour lists.
+    inverse : (rows, 6) float64
+        Inverse moment matrices, the missing neighbours' moments included.
+    l0 : float
+        Spacing, m.
+    reach, n0 : float
+        Radius in spacings, and its lattice number density.
+    dimension, rows : int
+    out : (n, 3) float64, Pa/m
+        Filled for the rows.
+    """
+    scale = dimension / (n0 * l0)
+    for i in range(rows):
+        x, y, z = position[i, 0], position[i, 1], position[i, 2]
+        gx = gy = gz = 0.0
+        for k in range(first[i], first[i + 1]):
+            j = other[k]
+            if kind[j] == 2:
+                continue
+            dx = (position[j, 0] - x) / l0
+            dy = (position[j, 1] - y) / l0
+            dz = (position[j, 2] - z) / l0
+            r2 = dx * dx + dy * dy + dz * dz
+            if r2 >= reach * reach:
+                continue
+            s = weight(math.sqrt(r2), reach) / r2 * (pressure[j] - pressure[i])
+            gx += s * dx
+            gy += s * dy
+            gz += s * dz
+        if surface[i] != 0:
+            gx -= 2.0 * pressure[i] * lean[i, 0]
+            gy -= 2.0 * pressure[i] * lean[i, 1]
+            gz -= 2.0 * pressure[i] * lean[i, 2]
+        m = inverse[i]
+        out[i, 0] = scale * (m[0] * gx + m[1] * gy + m[2] * gz)
+        out[i, 1] = scale * (m[1] * gx + m[3] * gy + m[4] * gz)
+        out[i, 2] = scale * (m[2] * gx + m[4] * gy + m[5] * gz)
+
+
+@compiled
+def add_missing_moment(matrix, surface, lean, n0, dimension, out):
+    """Moment matrices with the moment of the missing neighbours of surface particles.
+
+    Parameters
+    ----------
+    matrix : (rows, 6) float64
+        As in `moments`.
+    surface : (n,) int8
+    lean : (rows, 3) float64
+        As in `moments`.
+    n0 : float
+    dimension : int
+    out : (rows, 6) float64
+        Filled.
+    """
+    for i in range(matrix.shape[0]):
+        s = 0.0
+        if surface[i] != 0:
+            size = math.sqrt(lean[i, 0] ** 2 + lean[i, 1] ** 2 + lean[i, 2] ** 2)
+            s = dimension / (n0 * size + 1e-300)
+        out[i, 0] = matrix[i, 0] + s * lean[i, 0] * lean[i, 0]
+        out[i, 1] = matrix[i, 1] + s * lean[i, 0] * lean[i, 1]
+        out[i, 2] = matrix[i, 2] + s * lean[i, 0] * lean[i, 2]
+        out[i, 3] = matrix[i, 3] + s * lean[i, 1] * lean[i, 1]
+        out[i, 4] = matrix[i, 4] + s * lean[i, 1] * lean[i, 2]
+        out[i, 5] = matrix[i, 5] + s * lean[i, 2] * lean[i, 2]
+
+
+@compiled
+def paper_gradient(position, pressure, first, other, l0, reach, n0, dimension, minimum, rows, out):
+    """Gradient of the papers: D/n0 sum (P_j + P_i) or (P_j - P_min) (r_j - r_i) W / r_ij^2.
+
+    The sum is [002] eq. 5 and [004] eq. 5; P_min, the least pressure of the neighbourhood, is [000] eq. 8.
+
+    Parameters
+    ----------
+    position : (n, 3) float64, m
+    pressure : (n,) float64, Pa
+        Of fluid, wall and dummy particles.
+    first, other
+        Neighbour lists.
+    l0 : float
+        Spacing, m.
+    reach, n0 : float
+        Radius in spacings, and its lattice number density.
+    dimension : int
+    minimum : bool
+        Whether to take P_j - P_min.
+    rows : int
+    out : (n, 3) float64, Pa/m
+        Filled for the rows.
+    """
+    scale = dimension / (n0 * l0)
+    for i in range(rows):
+        offset = pressure[i]
+        if minimum:
+            for k in range(first[i], first[i + 1]):
+                offset = min(offset, pressure[other[k]])
+            offset = -offset
+        gx = gy = gz = 0.0
+        for k in range(first[i], first[i + 1]):
+            j = other[k]
+            dx = (position[j, 0] - position[i, 0]) / l0
+            dy = (position[j, 1] - position[i, 1]) / l0
+            dz = (position[j, 2] - position[i, 2]) / l0
+            r2 = dx * dx + dy * dy + dz * dz
+            if r2 < reach * reach:
+                s = weight(math.sqrt(r2), reach) / r2 * (pressure[j] + offset)
+                gx += s * dx
+                gy += s * dy
+                gz += s * dz
+        out[i, 0], out[i, 1], out[i, 2] = scale * gx, scale * gy, scale * gz
+
+
+@compiled
+def residual_damping(position, velocity, kind, gradient, first, other, l0, reach, n0, strength, rows, out):
+    """Velocity change that damps what a linear field cannot explain.
+
+    dv_i = strength/n0 sum W [v_j - v_i - (grad v_i + grad v_j)/2 (r_j - r_i)] over fluid particles. The bracket
+    is of third order in the distance for smooth fields and of first order for noise between neighbours, and
+    antisymmetric, so that momentum is kept.
+
+    Parameters
+    ----------
+    position, velocity : (n, 3) float64, m and m/s
+    kind : (n,) int8
+    gradient : (n, 9) float64, 1/s
+        As in `velocity_gradient`.
+    first, other
+        Neighbour lists.
+    l0 : float
+        Spacing, m.
+    reach, n0 : float
+        Radius in spacings, and its lattice number density.
+    strength : float
+        Share of the residual removed in this step.
+    rows : int
+    out : (n, 3) float64, m/s
+        Filled for the rows.
+    """
+    for i in range(rows):
+        ax = ay = az = 0.0
+        g = gradient[i]
+        for k in range(first[i], first[i + 1]):
+            j = other[k]
+            if kind[j] != 0:
+                continue
+            dx = position[j, 0] - position[i, 0]
+            dy = position[j, 1] - position[i, 1]
+            dz = position[j, 2] - position[i, 2]
+            r2 = (dx * dx + dy * dy + dz * dz) / (l0 * l0)
+            if r2 >= reach * reach:
+                continue
+            w = weight(math.sqrt(r2), reach)
+            h = gradient[j]
+            dx *= 0.5
+            dy *= 0.5
+            dz *= 0.5
+            ax += w * (
+                velocity[j, 0] - velocity[i, 0] - (g[0] + h[0]) * dx - (g[1] + h[1]) * dy - (g[2] + h[2]) * dz
+            )
+            ay += w * (
+                velocity[j, 1] - velocity[i, 1] - (g[3] + h[3]) * dx - (g[4] + h[4]) * dy - (g[5] + h[5]) * dz
+            )
+            az += w * (
+                velocity[j, 2] - velocity[i, 2] - (g[6] + h[6]) * dx - (g[7] + h[7]) * dy - (g[8] + h[8]) * dz
+            )
+        out[i, 0] = strength / n0 * ax
+        out[i, 1] = strength / n0 * ay
+        out[i, 2] = strength / n0 * az

@@ -1,0 +1,132 @@
+"""Rows of the pressure Poisson equation."""
+
+import math
+
+from parmps.kernels.compiled import compiled
+from parmps.kernels.weight import weight
+
+
+@compiled
+def poisson_rows(
+    position,
+    kind,
+    surface,
+    link_force,
+    wall_force,
+    source,
+    column,
+    first,
+    other,
+    l0,
+    reach,
+    n0,
+    lam,
+    dimension,
+    density,
+    wall_share,
+    ghost,
+    row_first,
+    columns,
+    values,
+    rhs,
+):
+    """Assemble sum_j c W_ij [P_i - P_j + rho f_ij . (r_j - r_i)] = -rho s_i, with c = 2D/(n0 lambda l0^2).
+
+    The Laplacian is the papers' ([004] eq. 7). The body force is balanced link by link, with f_ij the mean of
+    the two ends, so that a hydrostatic pressure solves the equation exactly however disordered the particles
+    are. Links to walls count ``wall_share``: on a lattice the wall particles, which have no links among
+    themselves, carry twice the flux along the wall that an even reflection would, so half is right.
+
+    In the surface, ``ghost`` closes the support with particles of zero pressure half a spacing above the
+    particle (after Shibata 2015): their weight is that of the missing first moment, so that pressure-free
+    liquid stays free of pressure and liquid at rest has its pressure exactly. Without it the particle's
+    pressure is zero (Dirichlet), eliminated symmetrically.
+
+    Parameters
+    ----------
+    position : (n, 3) float64, m
+    kind, surface : (n,) int8
+    link_force : (n, 3) float64, m/s2
+        f of fluid particles, for links among them.
+    wall_force : (n, 3) float64, m/s2
+        f of fluid particles, for links to walls.
+    source : (rows,) float64, 1/s2
+        s: divergence over the time step, with the volume term.
+    column : (n,) int32
+        Global row number of each particle, -1 for none.
+    first, other
+        Neighbour lists.
+    l0 : float
+        Spacing, m.
+    reach, n0, lam : float
+        Radius of the Laplacian in spacings, and its lattice constants.
+    dimension : int
+    density : float
+        rho, kg/m3.
+    wall_share : float
+    ghost : bool
+    row_first : (rows + 1,) int32
+        Filled: where each row begins.
+    columns, values : (capacity,) int32 and float64
+        Filled: the matrix, the diagonal first in each row.
+    rhs : (rows,) float64
+        Filled.
+
+    Returns
+    -------
+    int
+        Number of matrix entries.
+    """
+    scale = 2.0 * dimension / (n0 * lam * l0 * l0)
+    rows = rhs.shape[0]
+    count = 0
+    row_first[0] = 0
+    for i in range(rows):
+        at_diagonal = count
+        count += 1
+        columns[at_diagonal] = column[i]
+        if kind[i] == 3 or (surface[i] != 0 and not ghost):
+            values[at_diagonal] = scale * n0
+            rhs[i] = 0.0
+            row_first[i + 1] = count
+            continue
+        x, y, z = position[i, 0], position[i, 1], position[i, 2]
+        diagonal = flux = total = mx = my = mz = 0.0
+        for k in range(first[i], first[i + 1]):
+            j = other[k]
+            dx = (position[j, 0] - x) / l0
+            dy = (position[j, 1] - y) / l0
+            dz = (position[j, 2] - z) / l0
+            r2 = dx * dx + dy * dy + dz * dz
+            if r2 >= reach * reach:
+                continue
+            w = weight(math.sqrt(r2), reach)
+            total += w
+            mx -= w * dx
+            my -= w * dy
+            mz -= w * dz
+            if column[j] < 0:
+                continue
+            if kind[i] == 0 and kind[j] == 0:
+                fx = 0.5 * (link_force[i, 0] + link_force[j, 0])
+                fy = 0.5 * (link_force[i, 1] + link_force[j, 1])
+                fz = 0.5 * (link_force[i, 2] + link_force[j, 2])
+            else:
+                w *= wall_share
+                f = wall_force[j] if kind[i] != 0 else wall_force[i]
+                fx, fy, fz = f[0], f[1], f[2]
+            diagonal += w
+            flux += w * (fx * dx + fy * dy + fz * dz)
+            if surface[j] == 0 or ghost:
+                columns[count] = column[j]
+                values[count] = -scale * w
+                count += 1
+        if surface[i] != 0:
+            diagonal += max(2.0 * math.sqrt(mx * mx + my * my + mz * mz), n0 - total)
+            flux += link_force[i, 0] * mx + link_force[i, 1] * my + link_force[i, 2] * mz
+        if diagonal == 0.0:  # a dry wall particle, or a fluid particle alone
+            diagonal = n0
+        values[at_diagonal] = scale * diagonal
+        rhs[i] = -density * (source[i] + scale * l0 * flux)
+        row_first[i + 1] = count
+    return count

@@ -1,0 +1,109 @@
+"""Motion of the particles, with shifting and the walls' limits."""
+
+import math
+
+from parmps.kernels.compiled import compiled
+from parmps.kernels.walls import wall_distance
+
+
+@compiled
+def move(
+    position, velocity, kind, asymmetry, surface, surface_normal, lean, gradient, l0, surface_lean, shift, dt, rows
+):
+    """r += dt v + shift l0 F, tangential at the surface; surface particles move as the surface above them does.
+
+    The asymmetry F points away from crowded neighbours, so that shifting along it evens the spacing (Lind
+    2012, Khayyer 2017: along the surface only, where there is one). A surface particle stands half a spacing
+    below the surface and goes with the velocity v + (l0/2) dv/dn there; with v alone the surface would lag by
+    a relative k l0 / 2 behind a wave of wave number k.
+
+    Parameters
+    ----------
+    position, velocity : (n, 3) float64, m and m/s
+    kind, surface : (n,) int8
+    asymmetry : (n, 3) float64
+    surface_normal : (rows, 3) float64
+        Unit normals near the surface, 0 elsewhere.
+    lean : (rows, 3) float64
+        As in `moments`.
+    gradient : (n, 9) float64, 1/s
+        Of the velocity.
+    l0 : float
+        Spacing, m.
+    surface_lean : float
+        |lean| of a particle in a flat surface.
+    shift : float
+        Share of the asymmetry by which particles are shifted in this step.
+    dt : float
+        s.
+    rows : int
+    """
+    for i in range(rows):
+        if kind[i] != 0:
+            continue
+        sx, sy, sz = shift * asymmetry[i, 0], shift * asymmetry[i, 1], shift * asymmetry[i, 2]
+        nx, ny, nz = surface_normal[i, 0], surface_normal[i, 1], surface_normal[i, 2]
+        along = sx * nx + sy * ny + sz * nz
+        sx -= along * nx
+        sy -= along * ny
+        sz -= along * nz
+        size = math.sqrt(sx * sx + sy * sy + sz * sz)
+        limit = min(1.0, 0.05 / max(size, 1e-300)) * l0
+        px = dt * velocity[i, 0] + limit * sx
+        py = dt * velocity[i, 1] + limit * sy
+        pz = dt * velocity[i, 2] + limit * sz
+        if surface[i] != 0:
+            qx, qy, qz = lean[i, 0], lean[i, 1], lean[i, 2]
+            size = math.sqrt(qx * qx + qy * qy + qz * qz) + 1e-300
+            half = 0.5 * l0 * dt * min(size / surface_lean, 1.0) / size
+            g = gradient[i]
+            ex = half * (g[0] * qx + g[1] * qy + g[2] * qz)
+            ey = half * (g[3] * qx + g[4] * qy + g[5] * qz)
+            ez = half * (g[6] * qx + g[7] * qy + g[8] * qz)
+            size = math.sqrt(ex * ex + ey * ey + ez * ez)
+            limit = min(1.0, 0.05 * l0 / max(size, 1e-300))
+            px += limit * ex
+            py += limit * ey
+            pz += limit * ez
+        position[i, 0] += px
+        position[i, 1] += py
+        position[i, 2] += pz
+
+
+@compiled
+def keep_off_walls(position, velocity, kind, container, solids, open_top, least, rows):
+    """Put particles that came too near a wall, or through it, back, and take the speed towards it.
+
+    Parameters
+    ----------
+    position, velocity : (n, 3) float64, m and m/s
+    kind : (n,) int8
+    container, solids, open_top
+        Tank and baffles, as in `wall_distance`.
+    least : float
+        Least distance from a wall, m.
+    rows : int
+
+    Returns
+    -------
+    int
+        Number of particles put back.
+    """
+    count = 0
+    for i in range(rows):
+        if kind[i] != 0:
+            continue
+        for _ in range(3):  # in a corner, one wall after the other
+            d, nx, ny, nz = wall_distance(position[i, 0], position[i, 1], position[i, 2], container, solids, open_top)
+            if d >= least:
+                break
+            count += 1
+            position[i, 0] += (least - d) * nx
+            position[i, 1] += (least - d) * ny
+            position[i, 2] += (least - d) * nz
+            towards = velocity[i, 0] * nx + velocity[i, 1] * ny + velocity[i, 2] * nz
+            if towards < 0.0:
+                velocity[i, 0] -= towards * nx
+                velocity[i, 1] -= towards * ny
+                velocity[i, 2] -= towards * nz
+    return count

@@ -1,0 +1,285 @@
+"""Body force, velocities at the walls, velocity gradient, viscosity, and contacts of close particles."""
+
+import math
+
+from parmps.kernels.compiled import compiled
+from parmps.kernels.weight import weight
+
+
+@compiled
+def body_force(position, velocity, kind, force, alpha, omega, out):
+    """Force per mass in the moving tank frame: uniform part, Euler, centrifugal and Coriolis terms.
+
+    f = force - alpha x r - omega x (omega x r) - 2 omega x v (Goldstein, Classical Mechanics, section 4.10).
+
+    Parameters
+    ----------
+    position, velocity : (n, 3) float64, m and m/s
+    kind : (n,) int8
+    force : (3,) float64, m/s2
+        Gravity less the acceleration of the tank's origin, in tank axes.
+    alpha, omega : (3,) float64, rad/s2 and rad/s
+    out : (n, 3) float64, m/s2
+        Filled for fluid particles.
+    """
+    for i in range(position.shape[0]):
+        if kind[i] != 0:
+            continue
+        x, y, z = position[i, 0], position[i, 1], position[i, 2]
+        # omega x r + 2 v, to be turned once more by omega
+        cx = omega[1] * z - omega[2] * y + 2.0 * velocity[i, 0]
+        cy = omega[2] * x - omega[0] * z + 2.0 * velocity[i, 1]
+        cz = omega[0] * y - omega[1] * x + 2.0 * velocity[i, 2]
+        out[i, 0] = force[0] - (alpha[1] * z - alpha[2] * y) - (omega[1] * cz - omega[2] * cy)
+        out[i, 1] = force[1] - (alpha[2] * x - alpha[0] * z) - (omega[2] * cx - omega[0] * cz)
+        out[i, 2] = force[2] - (alpha[0] * y - alpha[1] * x) - (omega[0] * cy - omega[1] * cx)
+
+
+@compiled
+def predict_acceleration(last, force, limit, out):
+    """Pressure acceleration grad P / rho to expect: the last one, no further than ``limit`` from the body force.
+
+    Parameters
+    ----------
+    last, force : (n, 3) float64, m/s2
+        The last grad P / rho, and the body force.
+    limit : float
+        m/s2.
+    out : (n, 3) float64, m/s2
+        Filled.
+    """
+    for i in range(out.shape[0]):
+        dx, dy, dz = last[i, 0] - force[i, 0], last[i, 1] - force[i, 1], last[i, 2] - force[i, 2]
+        size = math.sqrt(dx * dx + dy * dy + dz * dz)
+        share = 0.0 if limit == 0.0 else min(1.0, limit / max(size, 1e-300))
+        out[i, 0] = force[i, 0] + share * dx
+        out[i, 1] = force[i, 1] + share * dy
+        out[i, 2] = force[i, 2] + share * dz
+
+
+@compiled
+def reflect_at_walls(position, velocity, kind, normal, depth, first, other, l0, reach, begin, end, out):
+    """Velocity of wall particles that makes the wall impermeable and frictionless.
+
+    The liquid's velocity near the wall particle (weighted mean) with its normal component extrapolated
+    linearly through zero at the wall's surface, so that a linear velocity field keeps its divergence.
+
+    Parameters
+    ----------
+    position, velocity : (n, 3) float64, m and m/s
+    kind : (n,) int8
+    normal : (n, 3) float64
+    depth : (n,) float64, m
+        Of the wall particle below the wall's surface.
+    first, other
+        Neighbour lists.
+    l0 : float
+        Spacing, m.
+    reach : float
+        In spacings.
+    begin, end : int
+        Range of the wall particles.
+    out : (n, 3) float64, m/s
+        Filled for the range.
+    """
+    for i in range(begin, end):
+        total = vx = vy = vz = height = 0.0
+        for k in range(first[i], first[i + 1]):
+            j = other[k]
+            if kind[j] != 0:
+                continue
+            dx = (position[j, 0] - position[i, 0]) / l0
+            dy = (position[j, 1] - position[i, 1]) / l0
+            dz = (position[j, 2] - position[i, 2]) / l0
+            r2 = dx * dx + dy * dy + dz * dz
+            if r2 < reach * reach:
+                w = weight(math.sqrt(r2), reach)
+                total += w
+                vx += w * velocity[j, 0]
+                vy += w * velocity[j, 1]
+                vz += w * velocity[j, 2]
+                height += w * (dx * normal[i, 0] + dy * normal[i, 1] + dz * normal[i, 2])
+        out[i, 0] = out[i, 1] = out[i, 2] = 0.0
+        if total > 0.0:
+            vx, vy, vz = vx / total, vy / total, vz / total
+            below = depth[i] / l0
+            ratio = min(below / max(height / total - below, 1e-3), 1.5)
+            back = (1.0 + ratio) * (vx * normal[i, 0] + vy * normal[i, 1] + vz * normal[i, 2])
+            out[i, 0] = vx - back * normal[i, 0]
+            out[i, 1] = vy - back * normal[i, 1]
+            out[i, 2] = vz - back * normal[i, 2]
+
+
+@compiled
+def velocity_gradient(position, velocity, kind, first, other, inverse, l0, reach, n0, dimension, rows, out):
+    """Corrected gradient of the velocity, exact for linear fields; its trace is the divergence.
+
+    grad v = D/n0 sum (v_j - v_i) (M_i (r_j - r_i))^T W / r_ij^2, over fluid and wall particles (Duan 2018).
+
+    Parameters
+    ----------
+    position, velocity : (n, 3) float64, m and m/s
+    kind : (n,) int8
+    first, other
+        Neighbour lists.
+    inverse : (rows, 6) float64
+        M_i, as made by `invert`.
+    l0 : float
+        Spacing, m.
+    reach : float
+        In spacings.
+    n0 : float
+    dimension, rows : int
+    out : (n, 9) float64, 1/s
+        Filled for the rows: dv_a/dx_b at 3 a + b.
+    """
+    scale = dimension / (n0 * l0)
+    for i in range(rows):
+        x, y, z = position[i, 0], position[i, 1], position[i, 2]
+        u, v, w = velocity[i, 0], velocity[i, 1], velocity[i, 2]
+        uxx = uxy = uxz = vxx = vxy = vxz = wxx = wxy = wxz = 0.0
+        for k in range(first[i], first[i + 1]):
+            j = other[k]
+            if kind[j] == 2:
+                continue
+            dx = (position[j, 0] - x) / l0
+            dy = (position[j, 1] - y) / l0
+            dz = (position[j, 2] - z) / l0
+            r2 = dx * dx + dy * dy + dz * dz
+            if r2 >= reach * reach:
+                continue
+            s = weight(math.sqrt(r2), reach) / r2
+            dx *= s
+            dy *= s
+            dz *= s
+            du, dv, dw = velocity[j, 0] - u, velocity[j, 1] - v, velocity[j, 2] - w
+            uxx += du * dx
+            uxy += du * dy
+            uxz += du * dz
+            vxx += dv * dx
+            vxy += dv * dy
+            vxz += dv * dz
+            wxx += dw * dx
+            wxy += dw * dy
+            wxz += dw * dz
+        xx, xy, xz = scale * inverse[i, 0], scale * inverse[i, 1], scale * inverse[i, 2]
+        yy, yz, zz = scale * inverse[i, 3], scale * inverse[i, 4], scale * inverse[i, 5]
+        out[i, 0] = uxx * xx + uxy * xy + uxz * xz
+        out[i, 1] = uxx * xy + uxy * yy + uxz * yz
+        out[i, 2] = uxx * xz + uxy * yz + uxz * zz
+        out[i, 3] = vxx * xx + vxy * xy + vxz * xz
+        out[i, 4] = vxx * xy + vxy * yy + vxz * yz
+        out[i, 5] = vxx * xz + vxy * yz + vxz * zz
+        out[i, 6] = wxx * xx + wxy * xy + wxz * xz
+        out[i, 7] = wxx * xy + wxy * yy + wxz * yz
+        out[i, 8] = wxx * xz + wxy * yz + wxz * zz
+
+
+@compiled
+def add_viscosity(
+    position, velocity, kind, normal, depth, viscosity, first, other, l0, reach, n0, lam, dimension, dt, rows, out
+):
+    """Add dt nu lap v, lap v = 2D/(n0 lambda) sum (v_j - v_i) W ([004] eq. 7), with no slip at the walls.
+
+    A wall particle has the velocity that makes the one of the fluid particle vanish linearly at the wall's
+    surface (Morris 1997).
+
+    Parameters
+    ----------
+    position, velocity : (n, 3) float64, m and m/s
+    kind : (n,) int8
+    normal, depth
+        Of the walls, as in `reflect_at_walls`.
+    viscosity : float
+        Kinematic, m2/s.
+    first, other
+        Neighbour lists.
+    l0 : float
+        Spacing, m.
+    reach, n0, lam : float
+        Radius in spacings, and its lattice constants.
+    dimension : int
+    dt : float
+        s.
+    rows : int
+    out : (n, 3) float64, m/s
+        Velocity that is added to, for the rows.
+    """
+    scale = dt * viscosity * 2.0 * dimension / (n0 * lam * l0 * l0)
+    for i in range(rows):
+        ax = ay = az = 0.0
+        for k in range(first[i], first[i + 1]):
+            j = other[k]
+            if kind[j] == 2:
+                continue
+            dx = (position[j, 0] - position[i, 0]) / l0
+            dy = (position[j, 1] - position[i, 1]) / l0
+            dz = (position[j, 2] - position[i, 2]) / l0
+            r2 = dx * dx + dy * dy + dz * dz
+            if r2 >= reach * reach:
+                continue
+            w = weight(math.sqrt(r2), reach)
+            if kind[j] == 0:
+                ax += w * (velocity[j, 0] - velocity[i, 0])
+                ay += w * (velocity[j, 1] - velocity[i, 1])
+                az += w * (velocity[j, 2] - velocity[i, 2])
+            else:
+                below = depth[j] / l0
+                height = -(dx * normal[j, 0] + dy * normal[j, 1] + dz * normal[j, 2]) - below
+                w *= 1.0 + min(below / max(height, 1e-3), 1.5)
+                ax -= w * velocity[i, 0]
+                ay -= w * velocity[i, 1]
+                az -= w * velocity[i, 2]
+        out[i, 0] += scale * ax
+        out[i, 1] += scale * ay
+        out[i, 2] += scale * az
+
+
+@compiled
+def add_contacts(position, velocity, kind, first, other, distance, rows, out):
+    """Stop fluid particles that approach each other from nearer than a least distance, without rebound.
+
+    Every pair shares the impulse equally, as equal masses do; all pairs act at once, so that the order of the
+    particles does not matter.
+
+    Parameters
+    ----------
+    position, velocity : (n, 3) float64, m and m/s
+    kind : (n,) int8
+    first, other
+        Neighbour lists.
+    distance : float
+        Least distance, m.
+    rows : int
+    out : (n, 3) float64, m/s
+        Velocity that is added to, for the rows.
+
+    Returns
+    -------
+    int
+        Number of contacts of the rows.
+    """
+    contacts = 0
+    for i in range(rows):
+        for k in range(first[i], first[i + 1]):
+            j = other[k]
+            if kind[j] != 0:
+                continue
+            dx = position[j, 0] - position[i, 0]
+            dy = position[j, 1] - position[i, 1]
+            dz = position[j, 2] - position[i, 2]
+            r2 = dx * dx + dy * dy + dz * dz
+            if r2 >= distance * distance:
+                continue
+            closing = (
+                (velocity[j, 0] - velocity[i, 0]) * dx
+                + (velocity[j, 1] - velocity[i, 1]) * dy
+                + (velocity[j, 2] - velocity[i, 2]) * dz
+            )
+            if closing < 0.0:
+                contacts += 1
+                closing *= 0.5 / r2
+                out[i, 0] += closing * dx
+                out[i, 1] += closing * dy
+                out[i, 2] += closing * dz
+    return contacts

@@ -1,0 +1,79 @@
+"""Neighbour lists of a rank's particles."""
+
+import numpy as np
+
+from parmps.kernels.pairs import find_pairs
+
+
+class Pairs:
+    """Neighbours of the rows, or of the fluid alone, within one radius.
+
+    The lists are made anew each step: with cell-sorted particles that costs less than checking the longer
+    lists that a skin needs, since violent flow moves particles by a fifth of a spacing a step.
+
+    Parameters
+    ----------
+    reach : float
+        Greatest distance, m.
+    solids : (m, 2, 3) float64, m
+        Corners of the baffles, which no pair reaches through.
+    wall_rows : bool
+        Whether wall particles, too, have neighbours.
+    wall_pairs : bool
+        Whether wall particles have walls and dummies as neighbours.
+
+    Attributes
+    ----------
+    lists : (first, other)
+        Neighbours of particle i are ``other[first[i]:first[i + 1]]``.
+    count : int
+        Number of pairs.
+    """
+
+    def __init__(self, reach, solids, wall_rows=True, wall_pairs=False):
+        self._reach = reach
+        self._solids = solids
+        self._wall_rows = wall_rows
+        self._wall_pairs = wall_pairs
+        self._other = np.empty(0, np.int32)
+        self.lists = None
+        self.count = 0
+
+    def find(self, particles):
+        """Make the lists.
+
+        Parameters
+        ----------
+        particles : Particles
+        """
+        rows = particles.rows if self._wall_rows else particles.liquid
+        first = np.empty(rows + 1, np.int64)
+        lower, shape = self._grid(particles)
+        while True:
+            self.count = find_pairs(
+                particles.position,
+                particles.kind,
+                particles.normal,
+                rows,
+                self._reach,
+                lower,
+                shape,
+                self._solids,
+                self._wall_pairs,
+                first,
+                self._other,
+            )
+            if self.count <= len(self._other):
+                break
+            self._other = np.empty(self.count + self.count // 8 + 64, np.int32)
+        self.lists = first, self._other
+
+    def _grid(self, particles):
+        """Cells of the size of the radius around the particles; larger ones where those would be too many."""
+        inside = particles.position[particles.kind != 3]
+        if not len(inside):
+            return np.zeros(3), np.ones(3, np.int64)
+        lower, upper = inside.min(axis=0), inside.max(axis=0)
+        shape = np.floor((upper - lower) / self._reach).astype(np.int64) + 1
+        limit = max(64, int(round((8 * len(particles.position)) ** (1 / np.count_nonzero(upper > lower) if np.any(upper > lower) else 1))) * 4)
+        return lower, np.minimum(shape, limit)

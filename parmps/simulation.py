@@ -1,0 +1,365 @@
+"""The simulation: state, time loop, and what is written when."""
+
+import math
+import time as clock
+
+import numpy as np
+
+from parmps.components import Floating
+from parmps.errors import DivergedError
+from parmps.kernels import density as density_kernels
+from parmps.kernels.shifting import keep_off_walls
+from parmps.kernels.velocity import body_force
+from parmps.kernels.weight import lattice
+from parmps.motion import Motion
+from parmps.neighbors import Pairs
+from parmps.particles import FLUID, OUT, Particles
+from parmps.pressure import PressureSolver, empty_rows
+from parmps.stages import make_plan
+from parmps.tank import initial_velocity, place
+
+HALO_MARGIN = 0.8
+"""Width of the halo beyond the largest radius, in spacings: how far particles may move before it is renewed."""
+BALANCE_EVERY = 50
+"""Steps between two looks at the balance of the ranks."""
+IMBALANCE = 1.05
+"""Largest over mean cost of the ranks beyond which particles are distributed anew."""
+SORT_EVERY = 400
+"""Steps after which particles are sorted again for the sake of the caches."""
+STEADY_STEP = 0.25
+"""Bound of the step by the body force f: dt <= 0.25 sqrt(l0 / f)."""
+VISCOUS_STEP = 0.2
+"""Bound of the step by viscosity: dt <= 0.2 l0^2 / nu."""
+
+
+class Work:
+    """Arrays that live for one step: filled by one stage, read by later ones.
+
+    Attributes
+    ----------
+    density, lean, matrix, inverse, full, source, rhs, smooth, surface_normal, change
+        One row a row of the pressure equation; see the kernels.
+    asymmetry, surface, near, force, link_force, intermediate, gradient
+        One row a particle, the halo included.
+    """
+
+    def __init__(self, rows, count):
+        for name, width in (("density", 1), ("source", 1), ("rhs", 1), ("smooth", 1)):
+            setattr(self, name, np.zeros(rows * width))
+        for name, width in (("lean", 3), ("matrix", 6), ("inverse", 6), ("full", 6)):
+            setattr(self, name, np.zeros((rows, width)))
+        for name in ("surface_normal", "change"):
+            setattr(self, name, np.zeros((rows, 3)))
+        for name, width in (("asymmetry", 3), ("force", 3), ("link_force", 3), ("intermediate", 3), ("gradient", 9)):
+            setattr(self, name, np.zeros((count, width)))
+        self.surface = np.zeros(count, np.int8)
+        self.near = np.zeros(count, np.int8)
+
+
+class Simulation:
+    """The liquid of a job on the ranks of a domain.
+
+    Parameters
+    ----------
+    job : Job
+    domain : Domain
+
+    Attributes
+    ----------
+    time : float
+        s.
+    step_number : int
+    dt : float
+        Of the step under way, s.
+    particles : Particles
+    plan : Plan
+    courant : float
+        Greatest speed times the time step over the spacing.
+    contacts, put_back : int
+        Of this rank: contacts of close particles, particles put back from walls.
+    """
+
+    def __init__(self, job, domain):
+        scheme = job.scheme
+        self.job, self.scheme, self.domain = job, scheme, domain
+        self.dimension = job.dimension
+        self.density = job.fluids[0].density
+        self.viscosity = job.fluids[0].kinematic_viscosity
+        placement = place(job, scheme.wall, domain.rank, domain.size, layers=_layers(scheme))
+        self.geometry = placement.geometry
+        self.l0 = placement.spacing
+        self.particle_mass = float(
+            self.density * domain.sum(float(placement.volume.sum())) / max(placement.total_fluid, 1)
+        )
+        self.totals = {"fluid": placement.total_fluid, "total": placement.total}
+        self.motion = Motion(job.motion, job.gravity, job.dimension, job.tank)
+        self.lattice = lattice(job.dimension, scheme.radius)
+        self.laplacian_lattice = lattice(job.dimension, scheme.laplacian_radius)
+        self.wide_lattice = lattice(job.dimension, scheme.volume_radius)
+        self.surface_lean = _surface_lean(job.dimension, scheme.radius)
+        self.plan = make_plan(job, domain.size)
+        self.solver = PressureSolver(domain.comm, scheme.ksp_rtol)
+        reach = max(scheme.radius, scheme.laplacian_radius) * self.l0
+        moved = scheme.position == "moved"
+        self.pairs = Pairs(reach, self.geometry.boxes, wall_pairs=moved)
+        self.wide_pairs = Pairs(scheme.volume_radius * self.l0, self.geometry.boxes, wall_rows=False)
+        wide = scheme.volume_radius if scheme.volume_time is not None else 0.0
+        self.halo_width = (max(scheme.radius, scheme.laplacian_radius, wide) + HALO_MARGIN) * self.l0
+        arrays = {
+            name: getattr(placement, name) for name in ("id", "kind", "fluid", "parent", "position", "normal", "depth")
+        }
+        arrays["velocity"] = initial_velocity(job, placement)
+        liquid = placement.kind == FLUID
+        arrays["velocity"][liquid] += self.motion.initial_velocity(placement.position[liquid])
+        self.particles = Particles(arrays)
+        self.time, self.step_number, self.dt = 0.0, 0, 0.0
+        self.frame = self.motion.at(0.0)
+        self.courant = 0.0
+        self.contacts = self.put_back = 0
+        self.left = []
+        self.work_done = 0.0  # of the body force on this rank's liquid, J
+        self.iterations, self.iterations_max = 0, 0
+        self.step_min, self.step_max = math.inf, 0.0
+        self.floating = Floating(np.full(0, -1), 0)
+        self.seconds = {stage.name: 0.0 for stage in (*self.plan.solve, *self.plan.move)}
+        self.distribute()
+        self.initial_energy = self.kinetic_energy()
+        self.energy_scale = 0.0
+
+    # Distribution
+
+    def distribute(self):
+        """Give every rank its particles, rows and halo; forget all that depends on the past."""
+        p = self.particles
+        weight = np.choose(p.kind[: p.owned], [1.0, 0.5, 0.05, 0.05])
+        self.particles = self.domain.distribute(p, weight, 2.0 * self.l0)
+        p = self.particles
+        self._first_row = self.domain.first_of(p.rows)
+        self.solver.new_layout(p.rows)
+        self._sorted_at = self.step_number
+        self._check_floating = True
+        self.rebuild_halo()
+
+    def rebuild_halo(self):
+        """Find the halo anew, and size the arrays of the step."""
+        p = self.particles
+        if len(p) != p.owned:
+            p.resize(p.owned)
+        self.domain.build_halo(p, self.halo_width)
+        self.work = Work(p.rows, len(p))
+        self._matrix = None
+        self.column = np.full(len(p), -1, np.int32)
+        self.column[: p.rows] = self._first_row + np.arange(p.rows)
+        self.domain.exchange(self.column)
+        self._halo_position = p.position[: p.owned].copy()
+        self._stale = False
+
+    def halo_is_stale(self):
+        """Whether some particle of any rank may have left the margin of the halo."""
+        return self._stale
+
+    def balance(self):
+        """Distribute the particles anew where the ranks' costs have drifted apart, or the order has."""
+        if self.step_number == self._sorted_at:
+            return
+        due = self.step_number - self._sorted_at >= SORT_EVERY
+        if not due and self.step_number % BALANCE_EVERY == 0 and self.domain.size > 1:
+            cost = float(self.pairs.count + self.domain.halo + self.particles.rows)
+            mean = self.domain.sum(cost) / self.domain.size
+            due = self.domain.max(cost) > IMBALANCE * mean
+        if due:
+            self.distribute()
+
+    # What the stages use
+
+    def matrix_arrays(self):
+        """Room for this rank's part of the matrix.
+
+        Returns
+        -------
+        row_first, columns, values
+        """
+        entries = self.pairs.count + self.particles.rows
+        if self._matrix is None or len(self._matrix[1]) < entries:
+            self._matrix = empty_rows(self.particles.rows, entries + entries // 8)
+        return self._matrix
+
+    def lattice_matrix(self):
+        """Moment matrices of the lattice, for operators without correction.
+
+        Returns
+        -------
+        (rows, 6) float64
+        """
+        if self.work.inverse[:, 0].all():
+            return self.work.inverse
+        self.work.inverse[:] = density_kernels.lattice_matrix(self.particles.rows)
+        return self.work.inverse
+
+    def check_floating(self):
+        """Whether to look for liquid without a free surface: after each new distribution."""
+        check, self._check_floating = self._check_floating, False
+        return check
+
+    def evaluate_body_force(self):
+        """Body force of the tank's motion on the liquid, at the step's start."""
+        p, w = self.particles, self.work
+        f = self.frame
+        body_force(p.position, p.velocity, p.kind, f.force, f.alpha, f.omega, w.force)
+
+    def count_work(self):
+        """Add up the work that the body force does on this rank's liquid in this step."""
+        p, w = self.particles, self.work
+        power = np.einsum("ij,ij", w.force[: p.liquid], p.velocity[: p.liquid])
+        self.work_done += self.particle_mass * self.dt * power
+
+    def keep_inside(self):
+        """Put particles back that a wall should have stopped, and tell those that left an open tank."""
+        p, g = self.particles, self.geometry
+        self.put_back += keep_off_walls(
+            p.position, p.velocity, p.kind, g.container, g.boxes, g.open_top, 0.2 * self.l0, p.liquid
+        )
+        if not g.open_top:
+            return
+        at = p.position[: p.liquid]
+        above = at[:, 2] > g.container[1, 2]
+        beside = np.any((at < g.container[0]) | (at > g.container[1]), axis=1, where=[True, self.dimension == 3, False])
+        for i in np.flatnonzero(above & beside & (p.kind[: p.liquid] == FLUID)):
+            p.kind[i] = OUT
+            p.velocity[i] = p.pressure[i] = 0.0
+            self.left.append((int(p.id[i]), p.position[i].tolist(), self.step_number))
+
+    # Time
+
+    def choose_step(self, limit):
+        """Choose the time step, and learn whether the halo still reaches far enough.
+
+        Parameters
+        ----------
+        limit : float
+            Time to the next output, which a whole number of steps must reach, s.
+
+        Raises
+        ------
+        DivergedError
+            A velocity is not finite.
+        """
+        p = self.particles
+        speed2 = np.einsum("ij,ij->i", p.velocity[: p.liquid], p.velocity[: p.liquid])
+        moved = p.position[: p.owned] - self._halo_position
+        largest = [
+            speed2.max(initial=0.0) if np.isfinite(speed2.sum()) else math.inf,
+            np.einsum("ij,ij->i", moved, moved).max(initial=0.0),
+        ]
+        speed, moved = np.sqrt(self.domain.max(np.array(largest)))
+        if not math.isfinite(speed):
+            raise DivergedError(f"a velocity is not finite at t = {self.time:g} s, step {self.step_number}")
+        control, force = self.job.time, np.linalg.norm(self.frame.force)
+        bounds = [control.max_step or math.inf, limit]
+        if speed > 0.0:
+            bounds.append(control.cfl * self.l0 / speed)
+        if force > 0.0:
+            bounds.append(STEADY_STEP * math.sqrt(self.l0 / force))
+        if self.viscosity > 0.0 and "viscosity" in self.seconds:
+            bounds.append(VISCOUS_STEP * self.l0**2 / self.viscosity)
+        self.dt = limit / math.ceil(limit / min(bounds) * (1.0 - 1e-9))
+        self.courant = speed * self.dt / self.l0
+        # Two particles of different ranks may approach each other, and move once more before the next look.
+        self._stale = 2.0 * (moved + speed * self.dt) > HALO_MARGIN * self.l0
+
+    def solve(self):
+        """Find the pressure at the present time."""
+        self.frame = self.motion.at(self.time)
+        self._run(self.plan.solve)
+
+    def move(self):
+        """Move the liquid to the end of the step."""
+        if not self.plan.solve:
+            self.frame = self.motion.at(self.time)
+        self._run(self.plan.move)
+        self.time += self.dt
+        self.step_number += 1
+        self.iterations += self.solver.iterations
+        self.iterations_max = max(self.iterations_max, self.solver.iterations)
+        self.step_min, self.step_max = min(self.step_min, self.dt), max(self.step_max, self.dt)
+
+    def step(self, limit):
+        """Advance by one time step, no further than ``limit`` from now.
+
+        Parameters
+        ----------
+        limit : float
+            s.
+        """
+        self.balance()
+        self.choose_step(limit)
+        self.solve()
+        self.move()
+
+    def _run(self, stages):
+        for stage in stages:
+            start = clock.perf_counter()
+            stage.run(self)
+            self.seconds[stage.name] += clock.perf_counter() - start
+
+    # Sums over the liquid
+
+    def kinetic_energy(self):
+        """Kinetic energy relative to the tank, J (J/m in 2D)."""
+        p = self.particles
+        v = p.velocity[: p.liquid]
+        return 0.5 * self.particle_mass * float(self.domain.sum(np.einsum("ij,ij", v, v)))
+
+    def energy_drift(self):
+        """Energy that came from nowhere, over the energy that moved.
+
+        Kinetic energy less its initial value and less the work of the body force; the scale is the greatest
+        kinetic energy or work so far, and at least the potential energy of the liquid at rest at one per mill.
+
+        Returns
+        -------
+        float
+        """
+        kinetic = self.kinetic_energy()
+        work = float(self.domain.sum(self.work_done))
+        self.energy_scale = max(self.energy_scale, kinetic, abs(work), self.initial_energy)
+        mass = self.particle_mass * self.totals["fluid"]
+        floor = 1e-3 * mass * np.linalg.norm(self.frame.force) * self.job.tank.height
+        return (kinetic - self.initial_energy - work) / max(self.energy_scale, floor, 1e-300)
+
+    def volume_drift(self):
+        """Relative change of the liquid's volume, from the smooth density inside the liquid.
+
+        Returns
+        -------
+        float
+        """
+        p, w = self.particles, self.work
+        self.wide_pairs.find(p)
+        density_kernels.smooth_density(
+            p.position, *self.wide_pairs.lists, self.l0, self.scheme.volume_radius, p.liquid, w.smooth
+        )
+        near = w.surface.copy()
+        for _ in range(math.ceil(self.scheme.volume_radius / self.scheme.radius)):
+            source = near.copy()
+            self.domain.exchange(source)
+            density_kernels.spread(source, *self.pairs.lists, p.liquid, near)
+        inside = near[: p.liquid] == 0
+        errors = self.wide_lattice.smooth_density / w.smooth[: p.liquid][inside] - 1.0
+        total, count = self.domain.sum(np.array([errors.sum(), float(len(errors))]))
+        return float(total / max(count, 1.0))
+
+
+def _layers(scheme):
+    """Wall layers that the radii need: one wall and so many dummies."""
+    return max(3, math.ceil(max(scheme.radius, scheme.laplacian_radius)))
+
+
+def _surface_lean(dimension, reach):
+    """Magnitude of sum W r / r^2 over the neighbours of a particle in a flat surface, in 1/spacings."""
+    steps = np.arange(-int(reach), int(reach) + 1, dtype=float)
+    points = np.stack(np.meshgrid(*[steps] * dimension, indexing="ij"), axis=-1).reshape(-1, dimension)
+    points = points[(points[:, -1] < 0.0) & (np.linalg.norm(points, axis=1) < reach)]
+    r = np.linalg.norm(points, axis=1)
+    w = reach / (0.85 * r + 0.15 * reach) - 1.0
+    return float(-(w * points[:, -1] / r**2).sum())

@@ -1,0 +1,512 @@
+"""The stages of a time step, and the plan that holds only those that a scene requires.
+
+Each stage is a function of the simulation; the plan reads from top to bottom as the method does. With the
+pressure solved at the step's start (the default), ``solve`` brings the pressure of time t^n and ``move`` the
+step to t^(n+1): v^(n+1) = v^n + dt (f - grad P / rho), r^(n+1) = r^n + dt v^(n+1), the symplectic Euler method
+([002] eqs. 15 to 18). The papers' scheme ([004]) moves first, and all its stages are in ``move``.
+"""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from parmps.components import floating_components
+from parmps.kernels import density, gradient, poisson, shifting, velocity
+from parmps.particles import DUMMY, FLUID, WALL
+
+VOLUME_EVERY = 5
+"""Steps between two measurements of the volume error, which changes slowly."""
+
+
+class Stage(NamedTuple):
+    """One stage of a step.
+
+    Attributes
+    ----------
+    name : str
+        As in the timer table.
+    reason : str
+        Why the scene needs it.
+    run : function
+        Takes the `Simulation`.
+    """
+
+    name: str
+    reason: str
+    run: Callable
+
+
+class Plan(NamedTuple):
+    """The stages of a step.
+
+    Attributes
+    ----------
+    solve, move : list of Stage
+        Those that lead to the pressure, after which results are written, and those that move the liquid.
+    left_out : list of (str, str)
+        Names of stages that the scene does not need, and why.
+    """
+
+    solve: list
+    move: list
+    left_out: list
+
+
+def make_plan(job, ranks):
+    """Choose the stages that a job needs.
+
+    Parameters
+    ----------
+    job : Job
+    ranks : int
+
+    Returns
+    -------
+    Plan
+    """
+    scheme = job.scheme
+    left_out = []
+
+    def when(needed, name, reason, run, otherwise):
+        if needed:
+            return [Stage(name, reason, run)]
+        left_out.append((name, otherwise))
+        return []
+
+    viscous, why = viscosity_matters(job)
+    halo = when(ranks > 1, "halo", f"particles of {ranks} ranks see each other", refresh_halo, "one rank")
+    search = [Stage("neighbours", "every operator sums over neighbours", find_neighbours)]
+    viscosity = when(viscous, "viscosity", why, add_viscosity, why)
+    contact = when(
+        scheme.collision_distance > 0.0,
+        "contacts",
+        f"stops particles that meet within {scheme.collision_distance:g} l0",
+        add_contacts,
+        "collision_distance is 0",
+    )
+    if scheme.position == "moved":
+        explicit = [Stage("body force", "gravity and the tank's motion", add_body_force_to_liquid)]
+        return Plan(
+            [],
+            [
+                *halo,
+                *search,
+                *explicit,
+                *viscosity,
+                *contact,
+                Stage("explicit move", "the papers solve the pressure at the moved position", move_explicitly),
+                *halo,
+                *search,
+                Stage("density", "density error and free surface", measure_density),
+                Stage("divergence", "source of the pressure equation", measure_divergence),
+                Stage("pressure", "incompressibility", solve_pressure),
+                Stage("correction", "pressure gradient moves the liquid", correct),
+            ],
+            left_out,
+        )
+    volume = when(
+        scheme.volume_time is not None,
+        "volume",
+        f"holds the volume, with relaxation time {scheme.volume_time} s",
+        measure_volume,
+        "volume_time is null",
+    )
+    return Plan(
+        [
+            *halo,
+            *search,
+            Stage("density", "moments of the neighbourhood and free surface", measure_density),
+            *volume,
+            Stage("body force", "gravity and the tank's motion, balanced in the pressure equation", predict),
+            *viscosity,
+            *contact,
+            Stage("divergence", "source of the pressure equation", measure_divergence),
+            Stage("pressure", "incompressibility", solve_pressure),
+        ],
+        [
+            Stage("gradient", "pressure gradient and damping of grid noise", accelerate),
+            Stage("move", "new positions, with shifting towards even spacing", move),
+        ],
+        left_out,
+    )
+
+
+def viscosity_matters(job):
+    """Tell whether viscosity changes what this scene's particles can show.
+
+    Parameters
+    ----------
+    job : Job
+
+    Returns
+    -------
+    bool
+    str
+        The reason, with numbers.
+    """
+    nu = max(fluid.kinematic_viscosity for fluid in job.fluids)
+    if nu == 0.0:
+        return False, "the viscosity is 0"
+    if job.scheme.preset == "papers":
+        return True, "the papers' scheme has it"
+    length, depth = job.tank.length, min(job.tank.height, sum(f.depth or job.tank.height for f in job.fluids))
+    k = math.pi / length
+    rate = math.sqrt(job.gravity * k * math.tanh(k * depth)) if job.gravity > 0.0 else 1.0 / job.time.end
+    layer = math.sqrt(2.0 * nu / rate)
+    damping = 2.0 * nu * k * k * job.time.end
+    text = (
+        f"boundary layers of {layer * 1e3:.2g} mm at a spacing of {job.spacing * 1e3:.2g} mm, "
+        f"bulk damping {100 * damping:.2g} % over the run"
+    )
+    needed = layer > 0.25 * job.spacing or damping > 1e-3
+    return needed, text
+
+
+# Geometry
+
+
+def refresh_halo(sim):
+    """Send what neighbouring ranks need to know of this rank's particles.
+
+    The halo is found anew when particles may have moved further than its margin.
+    """
+    p = sim.particles
+    if sim.halo_is_stale():
+        sim.rebuild_halo()
+    else:
+        sim.domain.exchange(p.position, p.velocity, p.acceleration, p.pressure)
+
+
+def find_neighbours(sim):
+    """List the neighbours within the largest radius."""
+    sim.pairs.find(sim.particles)
+
+
+def measure_density(sim):
+    """Number density, free surface, and the moment matrices of the corrected operators."""
+    p, s, w = sim.particles, sim.scheme, sim.work
+    density.moments(
+        p.position,
+        p.kind,
+        *sim.pairs.lists,
+        sim.l0,
+        s.radius,
+        sim.lattice.density,
+        sim.dimension,
+        w.density,
+        w.asymmetry,
+        w.lean,
+        w.matrix,
+    )
+    density.mark_surface(w.density, w.asymmetry, sim.lattice.density, 0.9 * sim.lattice.asymmetry, w.surface)
+    w.surface[p.liquid : p.rows] = 0
+    sim.domain.exchange(w.asymmetry, w.surface)
+    if s.gradient == "corrected":
+        density.invert(w.matrix, s.divergence_floor, sim.dimension, w.inverse)
+        gradient.add_missing_moment(w.matrix, w.surface, w.lean, sim.lattice.density, sim.dimension, w.full)
+        density.invert(w.full, s.gradient_floor, sim.dimension, w.full)
+
+
+def measure_volume(sim):
+    """Volume error from a wide and smooth density, which is free of the noise of the papers' one.
+
+    Near the surface, where the support is cut, there is none.
+    """
+    p, s, w = sim.particles, sim.scheme, sim.work
+    if sim.step_number % VOLUME_EVERY:
+        return
+    sim.wide_pairs.find(p)
+    density.smooth_density(p.position, *sim.wide_pairs.lists, sim.l0, s.volume_radius, p.liquid, w.smooth)
+    reference = sim.wide_lattice.smooth_density
+    near = w.near
+    near[: p.liquid] = w.surface[: p.liquid]
+    layers = math.ceil(s.volume_radius / s.radius)
+    for _ in range(layers):
+        source = near.copy()
+        sim.domain.exchange(source)
+        density.spread(source, *sim.pairs.lists, p.liquid, near)
+    error = np.clip(w.smooth[: p.liquid] / reference - 1.0, -0.05, 0.05)
+    p.compression[: p.liquid] = np.where(near[: p.liquid] != 0, 0.0, error)
+
+
+# Explicit part
+
+
+def predict(sim):
+    """Intermediate velocity v* = v + dt (f - a), with a the predicted acceleration by the pressure.
+
+    a is what the pressure equation balances link by link: the last pressure gradient over rho where the flow
+    is smooth, the body force where it is not. The nearer it is to the coming one, the less the splitting of
+    the pressure equation (Laplacian against divergence of the gradient) is felt.
+    """
+    p, w = sim.particles, sim.work
+    sim.evaluate_body_force()
+    limit = sim.scheme.predictor_limit * np.linalg.norm(sim.frame.force)
+    velocity.predict_acceleration(p.acceleration, w.force, 0.0 if sim.step_number == 0 else limit, w.link_force)
+    w.intermediate[:] = p.velocity + sim.dt * (w.force - w.link_force)
+    w.intermediate[p.kind != FLUID] = 0.0
+
+
+def add_body_force_to_liquid(sim):
+    """v* = v + dt f."""
+    p, w = sim.particles, sim.work
+    sim.evaluate_body_force()
+    w.link_force[:] = 0.0
+    w.intermediate[:] = 0.0
+    liquid = p.kind == FLUID
+    w.intermediate[liquid] = p.velocity[liquid] + sim.dt * w.force[liquid]
+    w.force[:] = 0.0  # the divergence of v* has it
+
+
+def add_viscosity(sim):
+    """Add the viscous change of velocity."""
+    p, s = sim.particles, sim.scheme
+    velocity.add_viscosity(
+        p.position,
+        p.velocity,
+        p.kind,
+        p.normal,
+        p.depth,
+        sim.viscosity,
+        *sim.pairs.lists,
+        sim.l0,
+        s.radius,
+        sim.lattice.density,
+        sim.lattice.lam,
+        sim.dimension,
+        sim.dt,
+        p.liquid,
+        sim.work.intermediate,
+    )
+
+
+def add_contacts(sim):
+    """Stop particles that are about to overlap."""
+    p = sim.particles
+    sim.contacts += velocity.add_contacts(
+        p.position,
+        p.velocity,
+        p.kind,
+        *sim.pairs.lists,
+        sim.scheme.collision_distance * sim.l0,
+        p.liquid,
+        sim.work.intermediate,
+    )
+
+
+def move_explicitly(sim):
+    """r* = r + dt v*."""
+    p, w = sim.particles, sim.work
+    p.velocity[: p.liquid] = w.intermediate[: p.liquid]
+    p.position[: p.liquid] += sim.dt * p.velocity[: p.liquid]
+    sim.keep_inside()
+
+
+# Pressure
+
+
+def measure_divergence(sim):
+    """Source of the pressure equation: divergence of v* and density error."""
+    p, s, w = sim.particles, sim.scheme, sim.work
+    n0 = sim.lattice.density
+    if s.position == "moved":
+        w.intermediate[:] = 0.0
+        liquid = p.kind == FLUID
+        w.intermediate[liquid] = p.velocity[liquid]
+        inverse = sim.lattice_matrix()
+    else:
+        velocity.reflect_at_walls(
+            p.position,
+            p.velocity,
+            p.kind,
+            p.normal,
+            p.depth,
+            *sim.pairs.lists,
+            sim.l0,
+            s.radius,
+            p.liquid,
+            p.rows,
+            w.intermediate,
+        )
+        sim.domain.exchange(w.intermediate)
+        inverse = w.inverse
+    rows = p.rows if s.position == "moved" else p.liquid
+    velocity.velocity_gradient(
+        p.position,
+        w.intermediate,
+        p.kind,
+        *sim.pairs.lists,
+        inverse,
+        sim.l0,
+        s.radius,
+        n0,
+        sim.dimension,
+        rows,
+        w.gradient,
+    )
+    w.source[:] = 0.0
+    trace = w.gradient[:rows, 0] + w.gradient[:rows, 4] + w.gradient[:rows, 8]
+    over = w.density[:rows] / n0
+    if s.position == "moved":  # [004] eq. 12
+        w.source[:rows] = (1.0 - s.gamma) * trace / sim.dt - s.gamma * (over - 1.0) / sim.dt**2
+        return
+    if s.volume_time is not None:
+        trace = trace - p.compression[:rows] / s.volume_time
+    trace = trace - s.gamma * np.maximum(over - s.overdensity, 0.0) / sim.dt
+    w.source[:rows] = trace / sim.dt
+
+
+def solve_pressure(sim):
+    """Assemble and solve the pressure equation; extrapolate the pressure into the dummy layers."""
+    p, s, w = sim.particles, sim.scheme, sim.work
+    lat = sim.laplacian_lattice
+    matrix = sim.matrix_arrays()
+    entries = poisson.poisson_rows(
+        p.position,
+        p.kind,
+        w.surface,
+        w.link_force,
+        w.force,
+        w.source,
+        sim.column,
+        *sim.pairs.lists,
+        sim.l0,
+        s.laplacian_radius,
+        lat.density,
+        lat.lam,
+        sim.dimension,
+        sim.density,
+        0.5 if s.gradient == "corrected" else 1.0,
+        s.surface == "ghost",
+        *matrix,
+        w.rhs,
+    )
+    row_first, columns, values = matrix
+    columns, values = columns[:entries], values[:entries]
+    if sim.check_floating():
+        sim.floating = floating_components(sim.domain, sim.column, row_first, columns, w.surface[: p.rows])
+    sim.floating.fix(sim.domain, row_first, values, w.rhs)
+    p.pressure[: p.rows] = sim.solver.solve(row_first, columns, values, w.rhs, p.pressure[: p.rows])
+    sim.floating.level(sim.domain, p.pressure[: p.rows])
+    sim.domain.exchange(p.pressure)
+
+
+# Implicit part
+
+
+def accelerate(sim):
+    """v^(n+1) = v* + dt (a - grad P / rho), and the damping of grid noise."""
+    p, s, w = sim.particles, sim.scheme, sim.work
+    lists = sim.pairs.lists
+    n0 = sim.lattice.density
+    pressure_gradient(sim)
+    sim.domain.exchange(w.gradient)
+    gradient.residual_damping(
+        p.position,
+        w.intermediate,
+        p.kind,
+        w.gradient,
+        *lists,
+        sim.l0,
+        s.radius,
+        n0,
+        min(s.damping * sim.courant, 0.5),
+        p.liquid,
+        w.change,
+    )
+    liquid = slice(0, p.liquid)
+    p.velocity[liquid] = (
+        w.intermediate[liquid]
+        + w.change[liquid]
+        + sim.dt * (w.link_force[liquid] - p.acceleration[liquid])
+    )
+    sim.count_work()
+
+
+def pressure_gradient(sim):
+    """Set the particles' acceleration to grad P / rho."""
+    p, s, w = sim.particles, sim.scheme, sim.work
+    if s.gradient == "corrected":
+        gradient.corrected_gradient(
+            p.position,
+            p.pressure,
+            p.kind,
+            w.surface,
+            w.lean,
+            *sim.pairs.lists,
+            w.full,
+            sim.l0,
+            s.radius,
+            sim.lattice.density,
+            sim.dimension,
+            p.liquid,
+            p.acceleration,
+        )
+    else:
+        extrapolate_to_dummies(sim)
+        gradient.paper_gradient(
+            p.position,
+            p.pressure,
+            *sim.pairs.lists,
+            sim.l0,
+            s.radius,
+            sim.lattice.density,
+            sim.dimension,
+            s.gradient == "min",
+            p.liquid,
+            p.acceleration,
+        )
+    p.acceleration[: p.liquid] /= sim.density
+
+
+def move(sim):
+    """r^(n+1) = r^n + dt v^(n+1), with shifting; surface particles keep half a spacing below the surface."""
+    p, s, w = sim.particles, sim.scheme, sim.work
+    density.surface_normals(
+        p.position, p.kind, w.asymmetry, w.surface, *sim.pairs.lists, sim.l0, s.radius, p.liquid, w.surface_normal
+    )
+    shifting.move(
+        p.position,
+        p.velocity,
+        p.kind,
+        w.asymmetry,
+        w.surface,
+        w.surface_normal,
+        w.lean,
+        w.gradient,
+        sim.l0,
+        sim.surface_lean,
+        min(s.shifting * sim.courant, 0.1),
+        sim.dt,
+        p.liquid,
+    )
+    sim.keep_inside()
+
+
+def correct(sim):
+    """v = v* - dt grad P / rho, r = r* - dt^2 grad P / rho ([004] eqs. 13 and 14)."""
+    p = sim.particles
+    pressure_gradient(sim)
+    liquid = slice(0, p.liquid)
+    p.velocity[liquid] -= sim.dt * p.acceleration[liquid]
+    p.position[liquid] -= sim.dt**2 * p.acceleration[liquid]
+    sim.count_work()
+    sim.keep_inside()
+
+
+def extrapolate_to_dummies(sim):
+    """Pressure of a dummy: that of the wall particle before it, with the jump of the body force between them."""
+    p = sim.particles
+    dummies = np.flatnonzero(p.kind == DUMMY)
+    walls = np.flatnonzero(p.kind == WALL)
+    order = walls[np.argsort(p.id[walls])]
+    if not len(order):
+        return
+    place = np.minimum(np.searchsorted(p.id[order], p.parent[dummies]), len(order) - 1)
+    parent = order[place]
+    known = p.id[parent] == p.parent[dummies]
+    dummies, parent = dummies[known], parent[known]
+    jump = (p.position[dummies] - p.position[parent]) @ sim.frame.force
+    p.pressure[dummies] = np.where(p.pressure[parent] != 0.0, p.pressure[parent] + sim.density * jump, 0.0)
