@@ -1,0 +1,408 @@
+"""The lattice of a tank: where its axes put particles, and the tank and its baffles as boxes.
+
+Positions always have the three components x, y, z. A 2D tank is a slice in the x-z plane: its y axis has the
+single point 0, is one unit wide and has no walls, so areas and volumes are per unit width.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from parmps.errors import InputError
+
+MAX_STRETCH = 0.1  # relative; a lattice stretched more is no longer near the spacing asked for
+ROUNDING = 1e-6  # in spacings; forgives the rounding of decimal input such as 0.25 / 0.005
+INSET = {"half": 0.5, "line": 0.0}  # depth of the wall layer below the wall surface, in spacings
+
+
+@dataclass(frozen=True)
+class Axis:
+    """The lattice points of a tank along one axis.
+
+    Attributes
+    ----------
+    low, high : float, m
+        Wall surfaces; infinite along y in 2D.
+    points : (n,) float64, m
+        Lattice points inside the tank.
+    edges : (n + 1,) float64, m
+        Bounds of the share of a wall face that each point stands for; they reach from wall to wall.
+    below, above : (layers,) float64, m
+        Lattice points beyond the lower and the upper wall, nearest first; empty where there is no wall.
+    """
+
+    low: float
+    high: float
+    points: np.ndarray
+    edges: np.ndarray
+    below: np.ndarray
+    above: np.ndarray
+
+    @property
+    def step(self):
+        """Distance between the lowest lattice points, m."""
+        points = self.points if len(self.points) > 1 else self.edges
+        return float(points[1] - points[0])
+
+    @property
+    def all_points(self):
+        """Points below, inside and above the tank in ascending order, m: (below + n + above,) float64."""
+        return np.concatenate([self.below[::-1], self.points, self.above])
+
+
+@dataclass(frozen=True)
+class SolidAxis:
+    """The lattice points of a baffle along one axis, with those in the walls that it touches.
+
+    Attributes
+    ----------
+    points : (n,) float64, m
+    edges : (inside + 1,) float64, m
+        Bounds of the share of a face that each point inside the tank stands for.
+    rank : (n,) int64
+        Number of points between each point and the nearest free face; very large in the tank's walls or
+        where no face is free.
+    to_face : (n,) float64, m
+        From the point to that face, signed.
+    outward : (n,) int64
+        Direction of that face, -1 or 1.
+    beyond : (n,) int64
+        Count of points into a wall of the tank: positive beyond the lower wall, negative beyond the upper.
+    to_wall : (n,) float64, m
+        From the point to the surface of that wall, signed.
+    """
+
+    points: np.ndarray
+    edges: np.ndarray
+    rank: np.ndarray
+    to_face: np.ndarray
+    outward: np.ndarray
+    beyond: np.ndarray
+    to_wall: np.ndarray
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A baffle as a box.
+
+    Attributes
+    ----------
+    low, high : (3,) float64, m
+        Corners, cut off at the tank's walls; along y in 2D those of the axis.
+    free_low, free_high : (3,) bool
+        Whether liquid can touch the lower and the upper face along each axis.
+    axes : tuple of 3 SolidAxis
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+    free_low: np.ndarray
+    free_high: np.ndarray
+    axes: tuple
+
+    @property
+    def box(self):
+        """Corners, infinite where the baffle touches a wall: (2, 3) float64, m."""
+        low = np.where(self.free_low, self.low, -np.inf)
+        return np.array([low, np.where(self.free_high, self.high, np.inf)])
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """A tank's lattice and its walls; small, and the same on every rank.
+
+    Attributes
+    ----------
+    dimension : int
+    wall : str
+        ``half`` or ``line``.
+    layers : int
+        Wall layer plus dummy layers.
+    spacing : float, m
+        Effective spacing: geometric mean of the lattice's spacings in the liquid.
+    axes : tuple of 3 Axis
+    layer_rows : tuple of int
+        Number of the lowest row above each layer of liquid, bottom layer first.
+    container : (2, 3) float64, m
+        Lower and upper corner of the tank; -inf and inf along y in 2D.
+    boxes : (m, 2, 3) float64, m
+        Lower and upper corners of the baffles, infinite where they touch a wall.
+    open_top : bool
+    solids : tuple of Solid
+        The baffles.
+    """
+
+    dimension: int
+    wall: str
+    layers: int
+    spacing: float
+    axes: tuple
+    layer_rows: tuple
+    container: np.ndarray
+    boxes: np.ndarray
+    open_top: bool
+    solids: tuple
+
+    @property
+    def inset(self):
+        """Depth of the wall layer below the wall surface, m."""
+        return INSET[self.wall] * self.spacing
+
+
+def build_geometry(job, wall, layers=3):
+    """Lay the lattice of a tank.
+
+    With ``half`` walls the lattice is stretched along each axis so that a whole number of columns fits the
+    tank and a whole number of rows each layer of liquid; the rows above the liquid fill the rest of the
+    height. With ``line`` walls it is stretched so that the wall lines or planes are lattice planes.
+
+    Parameters
+    ----------
+    job : Job
+    wall : {"half", "line"}
+        Wall particles half a spacing outside the wall, or on it.
+    layers : int
+        Wall layer plus dummy layers.
+
+    Returns
+    -------
+    Geometry
+
+    Raises
+    ------
+    InputError
+        The lattice would have to be stretched by more than 10 %.
+    """
+    size, spacing, top = job.tank.size, job.spacing, layers if job.tank.lid else 0
+    _check_stretch(job, wall)
+    depths = [fluid.depth for fluid in job.fluids if fluid.depth is not None]
+    x = _axis(_edges(size[0], spacing), size[0], wall, layers, layers)
+    y = _flat_axis()
+    if job.dimension == 3:
+        y = _axis(_edges(size[1], spacing), size[1], wall, layers, layers)
+    z_edges, layer_rows = _rows(depths, size[-1], spacing, wall)
+    z = _axis(z_edges, size[-1], wall, layers, top)
+    axes = (x, y, z)
+    steps = [axis.step for axis in axes]
+    if wall == "half" and depths:
+        steps[2] = sum(depths) / layer_rows[-1]
+    if job.dimension == 2:
+        steps.pop(1)
+    mean = float(np.prod(steps) ** (1 / job.dimension))
+    container = np.array([[axis.low for axis in axes], [axis.high for axis in axes]])
+    solids = tuple(_solid(baffle, axes, mean, wall, job.tank.lid) for baffle in job.tank.baffles)
+    boxes = np.array([solid.box for solid in solids]).reshape(-1, 2, 3)
+    return Geometry(
+        job.dimension, wall, layers, mean, axes, layer_rows, container, boxes, not job.tank.lid, solids
+    )
+
+
+def _count(length, spacing):
+    return max(round(length / spacing), 1)
+
+
+def _edges(length, spacing):
+    return np.linspace(0.0, length, _count(length, spacing) + 1)
+
+
+def _check_stretch(job, wall):
+    lengths = {f"tank.size[{axis}]": side for axis, side in enumerate(job.tank.size)}
+    if wall == "half":
+        del lengths[f"tank.size[{job.dimension - 1}]"]
+        layers = {f"fluids[{n}].depth": fluid.depth for n, fluid in enumerate(job.fluids) if fluid.depth}
+        # without layers, the rows fit the height
+        lengths |= layers or {f"tank.size[{job.dimension - 1}]": job.tank.height}
+
+    def stretch(length, spacing):
+        return abs(length / _count(length, spacing) / spacing - 1)
+
+    limit = MAX_STRETCH + ROUNDING
+    bad = next((key for key, length in lengths.items() if stretch(length, job.spacing) > limit), None)
+    if bad is None:
+        return
+    # five particles along the shortest length always fit
+    shortest = min(lengths.values())
+    fitting = (shortest / n for n in range(_count(shortest, job.spacing), 1000))
+    fits = next(
+        h for h in fitting if h <= job.spacing and all(stretch(side, h) <= limit for side in lengths.values())
+    )
+    raise InputError(
+        "spacing",
+        f"got {job.spacing:g} m, which does not divide {bad} = {lengths[bad]:g} m within "
+        f"{100 * MAX_STRETCH:g} %; {float(f'{fits:.4g}'):g} m does",
+    )
+
+
+def _rows(depths, height, spacing, wall):
+    """Bounds of the rows, and the number of rows up to the top of each layer of liquid."""
+    levels = np.cumsum(depths)
+    if wall == "line":
+        edges = _edges(height, spacing)
+        step = edges[1]
+        return edges, tuple(int(level / step + ROUNDING) for level in levels)
+    lows = np.concatenate([[0.0], levels])
+    pieces = [
+        np.linspace(low, low + depth, _count(depth, spacing) + 1)[:-1]
+        for low, depth in zip(lows, depths, strict=False)
+    ]
+    rest = height - lows[-1]
+    above = round(rest / spacing)
+    # less than half a row above the liquid stays empty
+    pieces.append(np.linspace(lows[-1], height if above else lows[-1], above + 1))
+    return np.concatenate(pieces), tuple(np.cumsum([len(piece) for piece in pieces[:-1]]).tolist())
+
+
+def _axis(edges, high, wall, layers_below, layers_above):
+    first, last = edges[1] - edges[0], edges[-1] - edges[-2]
+    low = 0.0
+    if wall == "half":
+        points, inner = (edges[:-1] + edges[1:]) / 2, edges[1:-1]
+    else:
+        points = edges[1:-1]
+        # the particles next to a corner stand for the corner's share too
+        inner = (points[:-1] + points[1:]) / 2
+    edges = np.concatenate([[low], inner, [high]])
+    below = low - first * (np.arange(layers_below) + INSET[wall])
+    above = high + last * (np.arange(layers_above) + INSET[wall])
+    return Axis(low, high, points, edges, below, above)
+
+
+def _flat_axis():
+    none = np.empty(0)
+    return Axis(-np.inf, np.inf, np.zeros(1), np.array([-0.5, 0.5]), none, none)
+
+
+def _solid(baffle, axes, spacing, wall, lid):
+    half = baffle.thickness / 2
+    y = axes[1]
+    across = (y.low, y.high) if baffle.width is None else baffle.width
+    if baffle.vertical:
+        extents = ((baffle.x - half, baffle.x + half), across, (baffle.bottom, baffle.top))
+    else:
+        extents = ((baffle.left, baffle.right), across, (baffle.z - half, baffle.z + half))
+    low, high = np.array(extents, dtype=float).T
+    near = ROUNDING * spacing
+    free_low = np.array([low[a] > axis.low + near for a, axis in enumerate(axes)])
+    free_high = np.array([high[a] < axis.high - near for a, axis in enumerate(axes)])
+    free_high[2] |= not lid
+    solid_axes = tuple(
+        _solid_axis(axis, low[a], high[a], free_low[a], free_high[a], spacing, wall)
+        for a, axis in enumerate(axes)
+    )
+    return Solid(low, high, free_low, free_high, solid_axes)
+
+
+def _solid_axis(axis, low, high, free_low, free_high, spacing, wall):
+    if free_low or free_high:
+        points = _solid_points(low, high, free_low, free_high, spacing, wall)
+        edges = np.concatenate([[low], (points[:-1] + points[1:]) / 2, [high]])
+    else:
+        points, edges = axis.points, axis.edges
+    n = len(points)
+    below = axis.below[:0] if free_low else axis.below
+    above = axis.above[:0] if free_high else axis.above
+    far = np.iinfo(np.int32).max
+    from_low = np.arange(n) if free_low else np.full(n, far)
+    from_high = np.arange(n)[::-1] if free_high else np.full(n, far)
+    lower = from_low <= from_high
+    wide = (len(below), len(above))
+    return SolidAxis(
+        points=np.concatenate([below[::-1], points, above]),
+        edges=edges,
+        rank=np.pad(np.minimum(from_low, from_high), wide, constant_values=far),
+        to_face=np.pad(np.where(lower, low - points, high - points), wide),
+        outward=np.pad(np.where(lower, -1, 1), wide),
+        beyond=np.concatenate([np.arange(wide[0], 0, -1), np.zeros(n, int), -np.arange(1, wide[1] + 1)]),
+        to_wall=np.concatenate([axis.low - below[::-1], np.zeros(n), axis.high - above]),
+    )
+
+
+def _solid_points(low, high, free_low, free_high, spacing, wall):
+    """Points along an axis with a free end; at two free ends there are always two, which may cross."""
+    count = _count(high - low, spacing)
+    step = (high - low) / count
+    at_free, at_wall = INSET[wall] * spacing, step if wall == "line" else step / 2
+    if free_low and free_high:
+        count = max(count + (wall == "line"), 2)
+    first = low + (at_free if free_low else at_wall)
+    last = high - (at_free if free_high else at_wall)
+    if count == 1:
+        return np.array([first if free_low else last])
+    return np.linspace(first, last, count)
+
+
+def distance_to_box(position, box):
+    """Distance of points to a box.
+
+    Parameters
+    ----------
+    position : (n, 3) float64, m
+    box : (2, 3) float64, m
+        Lower and upper corner, which may be infinite.
+
+    Returns
+    -------
+    (n,) float64, m
+        Positive outside; inside, minus the distance to the nearest face.
+    """
+    beyond = np.maximum(box[0] - position, position - box[1])
+    outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=1)
+    return np.where(outside > 0.0, outside, beyond.max(axis=1))
+
+
+def faces(geometry, position, normal, depth):
+    """Find the face area that each particle of the wall layer stands for.
+
+    The areas of a face's particles add up to the face: a particle at a convex edge of a baffle has a part of
+    each of the faces that meet there, one in a concave corner has none.
+
+    Parameters
+    ----------
+    geometry : Geometry
+    position : (n, 3) float64, m
+        Particles of the wall layer (kind 1).
+    normal : (n, 3) float64
+    depth : (n,) float64, m
+
+    Returns
+    -------
+    owner : (n,) int64
+        0 for the tank, k for its k-th baffle.
+    area : (n, 3) float64, m2 (m in 2D)
+        Directed out of the liquid: times the pressure, it is the force on the wall.
+    """
+    surface = position + depth[:, None] * normal
+    near = 1e-3 * geometry.spacing
+    owner = np.zeros(len(position), np.int64)
+    for number, solid in enumerate(geometry.solids, start=1):
+        # the tank's own particles keep clear of baffles by more than this
+        owner[np.abs(distance_to_box(surface, solid.box)) < near] = number
+    area = np.zeros_like(position)
+    low, high = geometry.container
+    edges = [axis.edges for axis in geometry.axes]
+    mine = owner == 0
+    area[mine] = _face_area(surface[mine], normal[mine], high, low, edges, near)
+    area[mine & (np.count_nonzero(np.abs(normal) > ROUNDING, axis=1) > 1)] = 0.0
+    for number, solid in enumerate(geometry.solids, start=1):
+        mine = owner == number
+        low, high = solid.box
+        edges = [axis.edges for axis in solid.axes]
+        area[mine] = _face_area(surface[mine], normal[mine], low, high, edges, near)
+    return owner, area
+
+
+def _face_area(surface, normal, minus, plus, edges, near):
+    """Area of the faces that points of them stand for, given where normals are negative and positive."""
+    width = np.empty_like(surface)
+    for axis, bounds in enumerate(edges):
+        cell = np.searchsorted(bounds, surface[:, axis], side="right") - 1
+        width[:, axis] = np.diff(bounds)[np.clip(cell, 0, len(bounds) - 2)]
+    used = np.abs(normal) > ROUNDING
+    face = np.where(normal < 0, minus, plus)
+    on_face = used & (np.abs(surface - face) < near)
+    # a normal that leans away from a face that is none belongs to a concave corner
+    on_face &= (on_face == used).all(axis=1)[:, None]
+    area = np.empty_like(surface)
+    for axis in range(3):
+        area[:, axis] = np.prod(np.delete(width, axis, axis=1), axis=1)
+    return np.where(on_face, -np.sign(normal) * area, 0.0)

@@ -1,0 +1,229 @@
+"""Measurements: pressure at a point, height of the free surface, force on the tank and its baffles.
+
+A probe turns the particles that one rank owns into sums, and the sums over all ranks into values, so that
+all probes together need one reduction. The particles come as a state with these attributes, of owned
+particles only: ``position``, ``velocity``, ``normal`` (n, 3), ``pressure``, ``kind``, ``fluid``, ``surface``,
+``depth`` (n,), and ``spacing`` (m), ``force`` (3,) (m/s2, body force at the tank's origin) and ``density``
+(kg/m3, one value or (n,)).
+"""
+
+import numpy as np
+
+from parmps.kernels.walls import hidden_from_column, wall_distance
+from parmps.lattice import distance_to_box, faces
+from parmps.tank import FLUID, WALL
+
+AT_WALL = 0.5  # in spacings; a pressure probe nearer to a wall than this measures the wall's pressure
+NODES = 4  # of the profile of a gauge, per spacing
+SAME_WALL = 0.5  # least cosine of a pressure probe's normal and a particle's; edges have diagonal ones
+MAX_VOID = 1.5  # in spacings; a smaller gap in the liquid below a gauge is a passing void, not a surface
+
+
+def build_probes(job, geometry):
+    """Make the probes of a job.
+
+    Parameters
+    ----------
+    job : Job
+    geometry : Geometry
+
+    Returns
+    -------
+    list
+        Objects with ``columns`` (list of str, with units), ``partial(state)`` that returns local sums as a
+        1-D float64 array of fixed length, and ``value(sums)`` that returns one value per column.
+    """
+    kinds = {"pressure": PressureGauge, "elevation": ElevationGauge, "force": ForceGauge}
+    return [kinds[probe.kind](probe, geometry) for probe in job.probes]
+
+
+def surface_pressure(state, chosen):
+    """Pressure of wall particles carried along the body force to the wall surface that they belong to.
+
+    Parameters
+    ----------
+    state : object
+        See the module.
+    chosen : (n,) bool or (k,) int64
+        The particles.
+
+    Returns
+    -------
+    pressure : (k,) float64, Pa
+        Unchanged where it is 0: such a particle has no liquid next to it.
+    surface : (k, 3) float64, m
+        The points on the wall.
+    """
+    step = state.depth[chosen, None] * state.normal[chosen]
+    pressure = state.pressure[chosen]
+    jump = _density(state, chosen) * (step @ state.force)
+    return np.where(pressure != 0.0, pressure + jump, 0.0), state.position[chosen] + step
+
+
+def _density(state, chosen):
+    density = np.asarray(state.density, dtype=float)
+    return density[chosen] if density.ndim else density
+
+
+class PressureGauge:
+    """Pressure averaged over an area of the wall, or in the liquid over a disc (2D) or ball (3D).
+
+    A probe within half a spacing of a wall reads the wall particles of that wall within its radius (two
+    spacings if the job gives none, and never less than one), weighted by (1 - r^2 / R^2)^2. The mean is
+    moved from the particles' centroid to the probe along the body force, so that a hydrostatic pressure is
+    exact. Parts of the wall without liquid count as 0. Any other probe reads the liquid around it.
+
+    Parameters
+    ----------
+    probe : parmps.scene.PressureProbe
+    geometry : Geometry
+    """
+
+    def __init__(self, probe, geometry):
+        self.columns = [f"{probe.name} [Pa]"]
+        at = np.array(probe.at if geometry.dimension == 3 else [probe.at[0], 0.0, probe.at[1]])
+        spacing = geometry.spacing
+        self.radius = max(probe.radius or 2.0 * spacing, spacing)
+        distance, *normal = wall_distance(*at, geometry.container, geometry.boxes, geometry.open_top)
+        self.on_wall = abs(distance) <= AT_WALL * spacing
+        self.normal = np.array(normal)
+        self.at = at - distance * self.normal if self.on_wall else at
+        # a wall thinner than this is another face of the same baffle
+        self.flatness = 1e-3 * spacing
+
+    def partial(self, state):
+        """Sum weights, wet weights, weighted pressure and its first-order correction: (4,) float64."""
+        # the depth of the wall layer is less than one spacing
+        reach = self.radius + state.spacing
+        near = np.flatnonzero((np.abs(state.position - self.at) <= reach).all(axis=1))
+        near = near[state.kind[near] == (WALL if self.on_wall else FLUID)]
+        pressure, surface = surface_pressure(state, near)
+        offset = surface - self.at
+        weight = np.maximum(1.0 - np.sum(offset**2, axis=1) / self.radius**2, 0.0) ** 2
+        if self.on_wall:
+            level = np.abs(offset @ self.normal) < self.flatness
+            weight = weight * (level & (state.normal[near] @ self.normal > SAME_WALL))
+            wet = weight * (pressure != 0.0)
+        else:
+            wet = weight
+        correction = -_density(state, near) * (offset @ state.force)
+        return np.array([weight.sum(), wet.sum(), weight @ pressure, weight @ correction])
+
+    def value(self, sums):
+        """Pressure, Pa: (1,) float64; 0 where there is no liquid."""
+        weight, wet, pressure, correction = sums
+        if wet == 0.0:
+            return np.zeros(1)
+        return np.array([(pressure + correction * wet / weight) / weight])
+
+
+class ElevationGauge:
+    """Height of the free surface of the main body of liquid above the tank bottom.
+
+    Every particle near the gauge spreads over cubic B-splines of one lattice step along each axis. Divided
+    by what the full lattice gives there, this is how full the tank is at each height: 1 inside the liquid,
+    1/2 at a flat surface, which lies half a spacing above the centres of the top row. The main body is the
+    longest stretch more than half full, but for voids smaller than 1.5 spacings, so that spray above it
+    does not count. A dry column reads 0.
+
+    Parameters
+    ----------
+    probe : parmps.scene.ElevationProbe
+    geometry : Geometry
+    """
+
+    def __init__(self, probe, geometry):
+        self.columns = [f"{probe.name} [m]"]
+        axes = geometry.axes
+        self.boxes = geometry.boxes
+        self.at = np.array(probe.at if geometry.dimension == 3 else [probe.at[0], 0.0])
+        self.steps = np.array([axis.step for axis in axes])
+        self.nodes = np.linspace(0.0, axes[2].high, int(np.ceil(NODES * axes[2].high / self.steps[2])) + 1)
+        near = [np.abs(axis.points - at) for axis, at in zip(axes, self.at, strict=False)]
+        x, y = (axes[a].points[near[a] < 2 * self.steps[a]] for a in (0, 1))
+        grid = np.meshgrid(x, y, axes[2].points, indexing="ij")
+        lattice = np.stack(grid, axis=-1).reshape(-1, 3)
+        for box in geometry.boxes:
+            lattice = lattice[distance_to_box(lattice, box) > 0.0]
+        self.full = self._profile(lattice)
+
+    def _profile(self, position):
+        """Spread particles over the nodes: (nodes,) float64."""
+        position = position[~hidden_from_column(*self.at, position, self.boxes)]
+        weight = np.prod([_spline((position[:, a] - self.at[a]) / self.steps[a]) for a in (0, 1)], axis=0)
+        step = self.nodes[1]
+        reach = int(np.ceil(2 * self.steps[2] / step))
+        nearest = np.rint(position[:, 2] / step).astype(int)
+        node = nearest[:, None] + np.arange(-reach, reach + 1)
+        share = weight[:, None] * _spline((node * step - position[:, 2, None]) / self.steps[2])
+        inside = (node >= 0) & (node < len(self.nodes))
+        return np.bincount(node[inside], share[inside], minlength=len(self.nodes))
+
+    def partial(self, state):
+        """Sum the particles near the gauge over the nodes of its profile: (nodes,) float64."""
+        near = np.abs(state.position[:, 0] - self.at[0]) < 2 * self.steps[0]
+        near &= np.abs(state.position[:, 1] - self.at[1]) < 2 * self.steps[1]
+        return self._profile(state.position[near & (state.kind == FLUID)])
+
+    def value(self, sums):
+        """Height of the surface, m: (1,) float64."""
+        if not sums.any():
+            return np.zeros(1)
+        # a baffle in the column counts as full
+        empty = self.full < 1e-3
+        fill = np.where(empty, 1.0, sums / np.where(empty, 1.0, self.full)) - 0.5
+        wet = np.concatenate([[False], fill >= 0.0, [False]])
+        starts, stops = np.flatnonzero(wet[1:] != wet[:-1]).reshape(-1, 2).T
+        if not len(starts):
+            return np.zeros(1)
+        gap = starts[1:] - stops[:-1] > MAX_VOID * NODES
+        starts, stops = starts[np.append(True, gap)], stops[np.append(gap, True)]
+        top = stops[np.argmax(stops - starts)]
+        if top == len(fill):
+            return self.nodes[-1:]
+        part = fill[top - 1] / (fill[top - 1] - fill[top])
+        return np.array([self.nodes[top - 1] + part * self.nodes[1]])
+
+
+def _spline(x):
+    """Cubic B-spline: its values at distances of one add up to 1."""
+    x = np.abs(x)
+    return (np.maximum(2.0 - x, 0.0) ** 3 - 4.0 * np.maximum(1.0 - x, 0.0) ** 3) / 6.0
+
+
+class ForceGauge:
+    """Force of the liquid on the tank and on each baffle, and its moment about the tank's bottom centre.
+
+    The pressure at the wall times the wall's area; friction is left out.
+
+    Parameters
+    ----------
+    probe : parmps.scene.ForceProbe
+    geometry : Geometry
+    """
+
+    def __init__(self, probe, geometry):
+        self.geometry = geometry
+        names = ["", *(f"baffle{number + 1}." for number in range(len(geometry.solids)))]
+        if geometry.dimension == 2:
+            signals, self.used = ["Fx [N/m]", "Fz [N/m]", "My [N]"], [0, 2, 4]
+        else:
+            signals, self.used = [f"F{a} [N]" for a in "xyz"] + [f"M{a} [N m]" for a in "xyz"], range(6)
+        self.columns = [f"{probe.name}.{name}{signal}" for name in names for signal in signals]
+        x, y, _ = geometry.axes
+        middle = (y.low + y.high) / 2 if geometry.dimension == 3 else 0.0
+        self.centre = np.array([(x.low + x.high) / 2, middle, 0.0])
+
+    def partial(self, state):
+        """Sum force and moment on the tank and each baffle: (columns,) float64."""
+        wall = np.flatnonzero((state.kind == WALL) & (state.pressure != 0.0))
+        pressure, surface = surface_pressure(state, wall)
+        owner, area = faces(self.geometry, state.position[wall], state.normal[wall], state.depth[wall])
+        force = pressure[:, None] * area
+        both = np.concatenate([force, np.cross(surface - self.centre, force)], axis=1)
+        count = len(self.geometry.solids) + 1
+        return np.stack([np.bincount(owner, both[:, a], count) for a in self.used], axis=1).ravel()
+
+    def value(self, sums):
+        """Force (N, in 2D N/m) and moment (N m, in 2D N): (columns,) float64."""
+        return sums

@@ -1,0 +1,514 @@
+"""Particles of a job at the start: liquid on a lattice, and the layers of wall particles around it."""
+
+from dataclasses import dataclass
+from functools import reduce
+
+import h5py
+import numpy as np
+from scipy.spatial import cKDTree
+
+from parmps.errors import InputError
+from parmps.lattice import ROUNDING, Geometry, build_geometry, distance_to_box
+
+FLUID, WALL, DUMMY = 0, 1, 2
+"""Kinds of particles."""
+
+FLUID_CLEARANCE = {"half": 0.25, "line": 0.75}  # least distance of the liquid from a baffle, in spacings
+WALL_CLEARANCE = {"half": 0.01, "line": 0.5}  # the same for the tank's wall particles beside a baffle
+COINCIDENT = 0.1  # in spacings; two particles nearer than this push each other apart violently
+CHUNK = 2**20  # lattice points handled at once
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Particles at the start, or one rank's share of them; liquid first, in the order of their ids.
+
+    Attributes
+    ----------
+    position : (n, 3) float64, m
+        y is 0 in 2D.
+    kind : (n,) int8
+        0 fluid, 1 wall layer, 2 dummy.
+    fluid : (n,) int8
+        Number of the liquid; 0 for walls.
+    normal : (n, 3) float64
+        Unit vector from the wall into the liquid; 0 for fluid.
+    depth : (n,) float64, m
+        Distance below the wall surface; position + depth * normal lies on it. 0 for fluid.
+    volume : (n,) float64, m3 (m2 in 2D)
+        Of a fluid particle, so that each liquid's sum is the volume it fills; 0 for walls.
+    parent : (n,) int64
+        For a dummy particle, the id of the wall particle it belongs to; else -1.
+    id : (n,) int64
+        Number of the particle among all.
+    total : int
+        Number of particles of all shares.
+    total_fluid : int
+        Number of fluid particles of all shares.
+    geometry : Geometry
+    """
+
+    position: np.ndarray
+    kind: np.ndarray
+    fluid: np.ndarray
+    normal: np.ndarray
+    depth: np.ndarray
+    volume: np.ndarray
+    parent: np.ndarray
+    id: np.ndarray
+    total: int
+    total_fluid: int
+    geometry: Geometry
+
+    @property
+    def spacing(self):
+        """Effective particle spacing l0, m."""
+        return self.geometry.spacing
+
+
+def require_supported(job):
+    """Refuse by name what a job file may say but the solver cannot do yet.
+
+    Parameters
+    ----------
+    job : Job
+
+    Raises
+    ------
+    InputError
+    """
+    if job.tank.shape != "box":
+        raise InputError("tank.shape", f"got '{job.tank.shape}', not yet supported; use box")
+    if len(job.fluids) > 1:
+        raise InputError("fluids", f"got {len(job.fluids)} fluids, more than one is not yet supported")
+    if job.interfaces:
+        raise InputError("interfaces", "not yet supported")
+    for number, probe in enumerate(job.probes):
+        if probe.kind == "interface":
+            raise InputError(f"probes[{number}].kind", "got 'interface', not yet supported")
+
+
+def place(job, wall, part=0, parts=1, layers=3):
+    """Place the particles of a job, or one of several nearly equal shares of them.
+
+    A share is a range of ids, and liquid is numbered along x last, so that it is a slab of the tank. Only the
+    wall particles, few beside the liquid, are all held for a moment by each caller.
+
+    Parameters
+    ----------
+    job : Job
+    wall : {"half", "line"}
+        Wall particles half a spacing outside the wall, or on it with the first liquid one spacing inside.
+    part, parts : int
+        Which share of how many; ids and positions do not depend on them.
+    layers : int
+        Wall layer plus dummy layers: 3 for a reach of 2.1 spacings, 5 for 4.01.
+
+    Returns
+    -------
+    Placement
+
+    Raises
+    ------
+    InputError
+        The spacing does not fit the tank, no liquid fits, or liquids overlap.
+    """
+    geometry = build_geometry(job, wall, layers)
+    walls = _place_walls(geometry)
+    read = _read_initial(job, geometry) if job.initial.kind == "file" else None
+    counts = np.bincount(read["fluid"], minlength=len(job.fluids)) if read else _count_fluids(job, geometry)
+    total_fluid = int(counts.sum())
+    if total_fluid == 0:
+        raise InputError("fluids", f"no particle fits at the spacing of {job.spacing:g} m")
+    total = total_fluid + len(walls["kind"])
+    start, stop = total * part // parts, total * (part + 1) // parts
+    share = range(min(start, total_fluid), min(stop, total_fluid))
+    if read:
+        liquid = {name: read[name][share.start : share.stop] for name in ("position", "fluid")}
+    else:
+        liquid = _place_fluids(job, geometry, share)
+    n = len(liquid["fluid"])
+    volume = np.array(
+        [_filled_volume(job, geometry, k, count) / max(count, 1) for k, count in enumerate(counts)]
+    )
+    cut = slice(max(start - total_fluid, 0), max(stop - total_fluid, 0))
+    walls = {name: values[cut] for name, values in walls.items()}
+    m = len(walls["kind"])
+    parent = np.where(walls["parent"] < 0, -1, walls["parent"] + total_fluid)
+    return Placement(
+        position=np.concatenate([liquid["position"], walls["position"]]),
+        kind=np.concatenate([np.zeros(n, np.int8), walls["kind"]]),
+        fluid=np.concatenate([liquid["fluid"], np.zeros(m, np.int8)]),
+        normal=np.concatenate([np.zeros((n, 3)), walls["normal"]]),
+        depth=np.concatenate([np.zeros(n), walls["depth"]]),
+        volume=np.concatenate([volume[liquid["fluid"]], np.zeros(m)]),
+        parent=np.concatenate([np.full(n, -1), parent]),
+        id=np.arange(start, stop),
+        total=total,
+        total_fluid=total_fluid,
+        geometry=geometry,
+    )
+
+
+# ---- liquid
+
+
+def _rows_used(job, geometry):
+    """Rows of the lattice that liquid can lie in."""
+    if any(fluid.region for fluid in job.fluids):
+        return len(geometry.axes[2].points)
+    return min(geometry.layer_rows[-1], len(geometry.axes[2].points))
+
+
+def _all_filled(job, geometry):
+    """Whether every point of the rows in use holds liquid, so that its number is the particle's id."""
+    return not len(geometry.boxes) and not any(fluid.region for fluid in job.fluids)
+
+
+def _chunks(job, geometry, start=0):
+    """Yield the liquid on the lattice, a bounded number of points at a time: position and fluid."""
+    x, y, z = (axis.points for axis in geometry.axes)
+    z = z[: _rows_used(job, geometry)]
+    size = len(x) * len(y) * len(z)
+    for first in range(start, size, CHUNK):
+        index = np.arange(first, min(first + CHUNK, size))
+        column, row = np.divmod(index, len(z))
+        i, j = np.divmod(column, len(y))
+        position = np.stack([x[i], y[j], z[row]], axis=1)
+        fluid = _fluid_at(job, geometry, position, row)
+        yield position[fluid >= 0], fluid[fluid >= 0]
+
+
+def _fluid_at(job, geometry, position, row):
+    """Find the number of the liquid at lattice points, -1 for none: (n,) int8."""
+    found = np.full(len(position), -1, np.int8)
+    tops = iter(geometry.layer_rows)
+    bottom = 0
+    for number, fluid in enumerate(job.fluids):
+        if fluid.region is None:
+            top = next(tops)
+            here = (row >= bottom) & (row < top)
+            bottom = top
+        else:
+            here = _in_region(geometry, fluid.region, position)
+        twice = here & (found >= 0)
+        if twice.any():
+            at = position[np.argmax(twice)]
+            other = job.fluids[found[np.argmax(twice)]].name
+            raise InputError(
+                f"fluids[{number}]", f"overlaps '{other}': both have a particle at {_point(geometry, at)}"
+            )
+        found[here] = number
+    for box in geometry.boxes:
+        near = FLUID_CLEARANCE[geometry.wall] - ROUNDING
+        found[distance_to_box(position, box) < near * geometry.spacing] = -1
+    return found
+
+
+def _point(geometry, position):
+    axes = (0, 2) if geometry.dimension == 2 else (0, 1, 2)
+    return "[" + ", ".join(f"{position[axis]:g}" for axis in axes) + "] m"
+
+
+def _corners(geometry, region):
+    """Corners of a region's bounding box, in three components: (2, 3) float64, m."""
+    sphere = region.disc or region.ball
+    if sphere:
+        centre = np.array(sphere.centre)
+        corners = np.array([centre - sphere.radius, centre + sphere.radius])
+    else:
+        corners = np.array(region.box)
+    return corners if geometry.dimension == 3 else np.insert(corners, 1, (-0.5, 0.5), axis=1)
+
+
+def _in_region(geometry, region, position):
+    low, high = _corners(geometry, region)
+    sphere = region.disc or region.ball
+    rounding = ROUNDING * geometry.spacing
+    if sphere:
+        offset = position - (low + high) / 2
+        return np.linalg.norm(offset, axis=1) < sphere.radius - rounding
+    # regions that share a face share no particle; on lattice planes the upper face counts, as for a depth
+    shift = rounding if geometry.wall == "line" else -rounding
+    return ((position > low + shift) & (position < high + shift)).all(axis=1)
+
+
+def _count_fluids(job, geometry):
+    """Particles of each liquid: (fluids,) int64."""
+    if _all_filled(job, geometry):
+        rows = np.diff([0, *geometry.layer_rows])
+        return rows * len(geometry.axes[0].points) * len(geometry.axes[1].points)
+    return sum(np.bincount(fluid, minlength=len(job.fluids)) for _, fluid in _chunks(job, geometry))
+
+
+def _place_fluids(job, geometry, share):
+    """Fluid particles with ids in a range."""
+    positions, fluids = [np.empty((0, 3))], [np.empty(0, np.int8)]
+    before = share.start if _all_filled(job, geometry) else 0
+    for position, fluid in _chunks(job, geometry, before) if len(share) else ():
+        part = slice(max(share.start - before, 0), max(share.stop - before, 0))
+        positions.append(position[part])
+        fluids.append(fluid[part])
+        before += len(fluid)
+        if before >= share.stop:
+            break
+    return {"position": np.concatenate(positions), "fluid": np.concatenate(fluids)}
+
+
+def _filled_volume(job, geometry, number, count):
+    """Volume that a liquid fills at the start, m3 (m2 in 2D)."""
+    fluid = job.fluids[number]
+    low, high = (np.array([getattr(axis, end) for axis in geometry.axes]) for end in ("low", "high"))
+    if geometry.dimension == 2:
+        low[1], high[1] = -0.5, 0.5
+    if fluid.region is None:
+        low[2] = sum(other.depth or 0.0 for other in job.fluids[:number])
+        high[2] = low[2] + fluid.depth
+        return _volume_outside(low, high, geometry.boxes)
+    low, high = _corners(geometry, fluid.region)
+    sphere = fluid.region.disc or fluid.region.ball
+    if not sphere:
+        return _volume_outside(low, high, geometry.boxes)
+    whole = np.prod(high - low)
+    if _volume_outside(low, high, geometry.boxes) < whole:
+        # what a baffle cuts out of a ball has no simple volume
+        return count * geometry.spacing**geometry.dimension
+    return np.pi * sphere.radius**2 if geometry.dimension == 2 else 4 / 3 * np.pi * sphere.radius**3
+
+
+def _volume_outside(low, high, boxes):
+    """Volume of a box without the union of others."""
+    boxes = np.clip(boxes, low, high)
+    cuts = [np.unique(np.concatenate([[low[a], high[a]], boxes[:, :, a].ravel()])) for a in range(3)]
+    free = np.ones([len(cut) - 1 for cut in cuts], bool)
+    for box in boxes:
+        first, last = (
+            [int(np.searchsorted(cuts[a], corner[a])) for a in range(3)] for corner in box
+        )
+        free[tuple(slice(f, g) for f, g in zip(first, last, strict=True))] = False
+    x, y, z = (np.diff(cut) for cut in cuts)
+    return float(np.einsum("ijk,i,j,k", free.astype(float), x, y, z))
+
+
+# ---- walls
+
+
+def _place_walls(geometry):
+    """All wall and dummy particles; ``parent`` is their number among these."""
+    pieces = [_container_walls(geometry)]
+    pieces += [_solid_walls(geometry, number) for number in range(len(geometry.solids))]
+    walls, offset = [], 0
+    for piece in pieces:
+        order = np.argsort(piece["key"])
+        at = np.searchsorted(piece["key"], piece["parent_key"], sorter=order)
+        parent = order[np.minimum(at, len(order) - 1)] if len(order) else at
+        found = piece["key"][parent] == piece["parent_key"]
+        dummy = piece["kind"] == DUMMY
+        # a wall particle that another solid hides takes its dummies along
+        kept = piece["keep"] & (~dummy | found & piece["keep"][parent])
+        renumbered = np.cumsum(kept) - 1 + offset
+        wall = {name: piece[name][kept] for name in ("position", "kind", "normal", "depth")}
+        wall["parent"] = np.where(dummy, renumbered[parent], -1)[kept]
+        walls.append(wall)
+        offset += int(kept.sum())
+    return {name: np.concatenate([wall[name] for wall in walls]) for name in walls[0]}
+
+
+def _wall_piece(position, level, to_surface, lean, index, parent_index, shape):
+    """Arrays of wall particles, given the vector to their surface and, where that is 0, its direction."""
+    depth = np.linalg.norm(to_surface, axis=1)
+    vector = np.where(depth[:, None] > 0, to_surface, lean)
+    return {
+        "position": position,
+        "kind": np.where(level == 1, WALL, DUMMY).astype(np.int8),
+        "normal": vector / np.linalg.norm(vector, axis=1)[:, None],
+        "depth": depth,
+        "key": np.ravel_multi_index(index.T, shape),
+        "parent_key": np.ravel_multi_index(parent_index.T, shape),
+    }
+
+
+def _container_walls(geometry):
+    """Wall particles of the tank: the lattice beyond its walls, edges and corners included."""
+    axes = geometry.axes
+    below = np.array([len(axis.below) for axis in axes])
+    inner = np.array([len(axis.points) for axis in axes])
+    ranges = [[0, len(axis.all_points)] for axis in axes]
+    blocks = []
+    for a in (2, 1, 0):
+        # each pair of walls takes the corners that are left
+        inside = [below[a], below[a] + inner[a]]
+        for piece in ([0, inside[0]], [inside[1], len(axes[a].all_points)]):
+            block = [np.arange(*(piece if b == a else bounds)) for b, bounds in enumerate(ranges)]
+            blocks.append(np.stack(np.meshgrid(*block, indexing="ij"), axis=-1).reshape(-1, 3))
+        ranges[a] = inside
+    index = np.concatenate(blocks)
+    into = np.clip(index, below, below + inner - 1) - index  # lattice steps to the liquid's lattice
+    position = np.stack([axis.all_points[index[:, a]] for a, axis in enumerate(axes)], axis=1)
+    nearest = np.clip(position, geometry.container[0], geometry.container[1])
+    to_surface = np.where(into != 0, nearest - position, 0.0)
+    parent = index + np.sign(into) * np.maximum(np.abs(into) - 1, 0)
+    shape = [len(axis.all_points) for axis in axes]
+    level = np.abs(into).max(axis=1)
+    piece = _wall_piece(position, level, to_surface, np.sign(into), index, parent, shape)
+    piece["keep"] = np.ones(len(index), bool)
+    clearance = (WALL_CLEARANCE[geometry.wall] + ROUNDING) * geometry.spacing
+    for box in geometry.boxes:
+        # the wall below a baffle is the baffle's
+        piece["keep"] &= distance_to_box(position + to_surface, box) >= clearance
+    return piece
+
+
+def _solid_walls(geometry, number):
+    """Wall particles of a baffle: a lattice of its own, as deep into it as there are layers.
+
+    The lattice goes on into the walls of the tank that the baffle touches, where it takes the place of
+    theirs, so that liquid in the corner on either side sees its own particles only.
+    """
+    solid = geometry.solids[number]
+    shape = [len(axis.points) for axis in solid.axes]
+    index = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1).reshape(-1, 3)
+
+    def along(name):
+        return np.stack([getattr(axis, name)[index[:, a]] for a, axis in enumerate(solid.axes)], axis=1)
+
+    rank, beyond = along("rank"), along("beyond")
+    least = rank.min(axis=1)
+    level = np.maximum(least + 1, np.abs(beyond).max(axis=1))
+    near = level <= geometry.layers
+    index, rank, beyond, least, level = index[near], rank[near], beyond[near], least[near], level[near]
+    facing = rank == least[:, None]
+    outward = np.where(facing, along("outward"), np.sign(beyond))
+    to_surface = np.where(facing, along("to_face"), along("to_wall"))
+    to_surface = np.where(facing | (beyond != 0), to_surface, 0.0)
+    parent = index + np.where(facing, outward * least[:, None], 0)
+    parent += np.where(~facing, np.sign(beyond) * np.maximum(np.abs(beyond) - 1, 0), 0)
+    position = along("points")
+    piece = _wall_piece(position, level, to_surface, outward, index, parent, shape)
+    piece["keep"] = np.ones(len(index), bool)
+    surface = position + to_surface
+    for other, box in enumerate(geometry.boxes):
+        if other != number:
+            piece["keep"] &= distance_to_box(surface, box) > -ROUNDING * geometry.spacing
+    return piece
+
+
+# ---- initial state
+
+
+def initial_velocity(job, placement):
+    """Velocity of the particles at the start, relative to a tank at rest.
+
+    A standing wave starts flat: surface elevation A sin(omega t) cos(k x) with k = mode pi / length, so that
+    the velocity is that of linear theory (potential A omega / k cosh(k z) / sinh(k h) cos(k x), omega^2 =
+    g k tanh(k h)) at the instant of its zero.
+
+    Parameters
+    ----------
+    job : Job
+    placement : Placement
+
+    Returns
+    -------
+    (n, 3) float64, m/s
+        0 for walls.
+
+    Raises
+    ------
+    InputError
+        A state file cannot be read.
+    """
+    velocity = np.zeros_like(placement.position)
+    liquid = placement.kind == FLUID
+    initial = job.initial
+    if initial.kind == "standing_wave":
+        velocity[liquid] = _standing_wave(job, placement.position[liquid])
+    elif initial.kind == "velocity":
+        names = [fluid.name for fluid in job.fluids]
+        chosen = liquid & (placement.fluid == names.index(initial.fluid))
+        velocity[chosen] = _three(np.array([initial.value]))
+    elif initial.kind == "file":
+        velocity[liquid] = _read_initial(job, placement.geometry)["velocity"][placement.id[liquid]]
+    return velocity
+
+
+def _standing_wave(job, position):
+    depth = sum(fluid.depth for fluid in job.fluids)
+    k = job.initial.mode * np.pi / job.tank.length
+    speed = job.initial.amplitude * np.sqrt(job.gravity * k * np.tanh(k * depth))
+    x, z = position[:, 0], position[:, 2]
+    # cosh(kz)/sinh(kh) and sinh(kz)/sinh(kh) without the overflow of short waves
+    rising, falling = np.exp(k * (z - depth)), np.exp(-k * (z + depth))
+    scale = speed / (1 - np.exp(-2 * k * depth))
+    velocity = np.zeros_like(position)
+    velocity[:, 0] = -scale * (rising + falling) * np.sin(k * x)
+    velocity[:, 2] = scale * (rising - falling) * np.cos(k * x)
+    return velocity
+
+
+def _three(vectors):
+    """Vectors (n, 2 or 3) as (n, 3): two components are x and z."""
+    vectors = np.asarray(vectors, dtype=float)
+    return np.insert(vectors, 1, 0.0, axis=1) if vectors.shape[1] == 2 else vectors
+
+
+def _read_initial(job, geometry):
+    """Read and check the liquid of a state file: position, velocity and fluid."""
+    path = job.initial.path
+    try:
+        with h5py.File(path, "r") as file:
+            state = _read_vtkhdf(file["VTKHDF"]) if "VTKHDF" in file else _read_arrays(file)
+    except (OSError, KeyError, IndexError, ValueError, RuntimeError, TypeError) as error:
+        raise InputError("initial.path", f"{path}: not a state file: {error}") from None
+    n = len(state["position"])
+    position, velocity, fluid = state["position"], state["velocity"], state["fluid"]
+    if position.shape != (n, 3) or velocity.shape != (n, 3) or fluid.shape != (n,):
+        raise InputError("initial.path", f"{path}: position, velocity and fluid differ in length")
+    if not (np.isfinite(position).all() and np.isfinite(velocity).all()):
+        raise InputError("initial.path", f"{path}: has values that are not finite")
+    if geometry.dimension == 2 and (position[:, 1].any() or velocity[:, 1].any()):
+        raise InputError("initial.path", f"{path}: has motion or positions along y, must have none in 2D")
+    if n and not 0 <= fluid.min() <= fluid.max() < len(job.fluids):
+        raise InputError("initial.path", f"{path}: numbers of fluids must be 0 to {len(job.fluids) - 1}")
+    _check_positions(path, geometry, position)
+    return {"position": position, "velocity": velocity, "fluid": fluid.astype(np.int8)}
+
+
+def _check_positions(path, geometry, position):
+    outside = ((position < geometry.container[0]) | (position > geometry.container[1])).any(axis=1)
+    hidden = [distance_to_box(position, box) < 0 for box in geometry.boxes]
+    bad = reduce(np.logical_or, hidden, outside)
+    if bad.any():
+        at = _point(geometry, position[np.argmax(bad)])
+        raise InputError("initial.path", f"{path}: the particle at {at} is outside the tank or in a baffle")
+    pairs = cKDTree(position).query_pairs(COINCIDENT * geometry.spacing, output_type="ndarray")
+    if len(pairs):
+        a, b = (_point(geometry, position[i]) for i in pairs[0])
+        raise InputError(
+            "initial.path",
+            f"{path}: the particles at {a} and {b} coincide: nearer than {COINCIDENT:g} spacings",
+        )
+
+
+def _read_vtkhdf(group):
+    """Fluid particles of the last frame of particles.vtkhdf."""
+    steps = group["Steps"]
+    frame = int(steps.attrs["NSteps"]) - 1
+    if frame < 0:
+        raise ValueError("it has no frame")
+    first = int(steps["PointOffsets"][frame])
+    rows = slice(first, first + int(group["NumberOfPoints"][0]))
+    data = group["PointData"]
+    liquid = data["type"][rows] == FLUID
+    return {
+        "position": group["Points"][rows][liquid],
+        "velocity": data["velocity"][rows][liquid],
+        "fluid": data["fluid"][rows][liquid],
+    }
+
+
+def _read_arrays(file):
+    """Fluid particles from arrays at the top level; without ``fluid``, all are of the first."""
+    position = _three(file["position"][()])
+    fluid = file["fluid"][()] if "fluid" in file else np.zeros(len(position), np.int8)
+    return {"position": position, "velocity": _three(file["velocity"][()]), "fluid": fluid}

@@ -1,0 +1,198 @@
+"""Probes on made-up states: hydrostatic pressure and force, height of flat, sloped and disturbed surfaces."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from parmps.loader import parse_job
+from parmps.probes import build_probes
+from parmps.tank import FLUID, place
+
+POST = "{x: 0.4, bottom: 0.0, top: 0.15, thickness: 0.006}"
+G, RHO = 9.8, 1000.0
+
+
+def make_job(probes, size=(0.8, 0.5), depth=0.25, spacing=0.004, baffles=""):
+    return parse_job(
+        f"dimension: {len(size)}\nspacing: {spacing}\ntank: {{size: {list(size)}, baffles: [{baffles}]}}\n"
+        f"fluids: [{{name: water, depth: {depth}}}]\ntime: {{end: 1.0}}\nprobes: [{probes}]\n"
+    )
+
+
+def hydrostatic(p, depth, force=(0.0, 0.0, -G)):
+    """Pressure rho force . (x - surface), the surface through the height depth at the origin."""
+    force = np.array(force)
+
+    def pressure(x):
+        return RHO * (x @ force - depth * force[2])
+
+    wet = pressure(p.position + p.depth[:, None] * p.normal) > 0
+    return SimpleNamespace(
+        position=p.position,
+        velocity=np.zeros_like(p.position),
+        pressure=np.where(wet, pressure(p.position), 0.0),
+        kind=p.kind,
+        fluid=p.fluid,
+        surface=np.zeros(len(p.kind), bool),
+        normal=p.normal,
+        depth=p.depth,
+        spacing=p.spacing,
+        force=force,
+        density=RHO,
+    )
+
+
+def cut(state, part):
+    return SimpleNamespace(**{name: v[part] if np.size(v) > 3 else v for name, v in vars(state).items()})
+
+
+def measure(job, state, geometry):
+    values = {}
+    for probe in build_probes(job, geometry):
+        # halves of the particles, as two ranks would have them
+        n = len(state.kind) // 2
+        parts = [cut(state, slice(0, n)), cut(state, slice(n, None))]
+        value = probe.value(probe.partial(parts[0]) + probe.partial(parts[1]))
+        values |= dict(zip(probe.columns, value, strict=True))
+    return values
+
+
+@pytest.mark.parametrize("wall", ["half", "line"])
+def test_pressure_is_exact_where_hydrostatic(wall):
+    points = [(0.0, 0.05), (0.0, 0.003), (0.8, 0.111), (0.31, 0.0)]
+    points += [(0.397, 0.1), (0.403, 0.1), (0.4, 0.15), (0.2, 0.1)]
+    probes = ", ".join(f"{{name: P{i}, kind: pressure, at: {list(at)}}}" for i, at in enumerate(points))
+    probes += ", {name: dry, kind: pressure, at: [0.0, 0.3]}, {name: air, kind: pressure, at: [0.2, 0.4]}"
+    job = make_job(probes, baffles=POST)
+    p = place(job, wall)
+    force = np.array([0.3, 0.0, -G])
+    values = measure(job, hydrostatic(p, 0.25, force), p.geometry)
+    wanted = [RHO * (np.array([x, 0, z]) @ force + 0.25 * G) for x, z in points]
+    np.testing.assert_allclose([values[f"P{i} [Pa]"] for i in range(len(points))], wanted, rtol=1e-9)
+    assert values["dry [Pa]"] == values["air [Pa]"] == 0
+
+
+def test_pressure_near_the_waterline_is_an_area_average():
+    probes = ", ".join(f"{{name: P{i}, kind: pressure, at: [0.0, {0.24 + 0.001 * i:g}]}}" for i in range(21))
+    job = make_job(probes)
+    p = place(job, "half")
+    values = np.array(list(measure(job, hydrostatic(p, 0.25), p.geometry).values()))
+    assert (values >= 0).all() and (np.diff(values) <= 0).all()
+    assert values[0] == pytest.approx(RHO * G * 0.01, rel=0.01) and values[-1] == 0
+
+
+def test_pressure_in_3d():
+    probe = "{name: P, kind: pressure, at: [0.6, 0.155, 0.05], radius: 0.06}"
+    job = make_job(probe, (0.6, 0.31, 0.5), 0.2, 0.02)
+    p = place(job, "half")
+    assert measure(job, hydrostatic(p, 0.2), p.geometry)["P [Pa]"] == pytest.approx(RHO * G * 0.15)
+
+
+@pytest.mark.parametrize("wall", ["half", "line"])
+def test_force_of_liquid_at_rest_is_its_weight(wall):
+    job = make_job("{name: load, kind: force}", baffles=POST)
+    p = place(job, wall)
+    values = measure(job, hydrostatic(p, 0.25), p.geometry)
+    assert list(values) == [
+        f"load.{body}{signal}" for body in ("", "baffle1.") for signal in ("Fx [N/m]", "Fz [N/m]", "My [N]")
+    ]
+    weight = RHO * G * (0.8 * 0.25 - 0.006 * 0.15)
+    assert values["load.Fz [N/m]"] + values["load.baffle1.Fz [N/m]"] == pytest.approx(-weight, rel=0.01)
+    assert values["load.baffle1.Fz [N/m]"] == pytest.approx(-RHO * G * 0.1 * 0.006, rel=1e-6)
+    for name in ("load.Fx [N/m]", "load.My [N]", "load.baffle1.Fx [N/m]", "load.baffle1.My [N]"):
+        assert values[name] == pytest.approx(0, abs=1e-6 * weight)
+
+
+def test_force_and_moment_in_3d():
+    job = make_job("{name: load, kind: force}", (0.6, 0.3, 0.5), 0.2, 0.01)
+    p = place(job, "half")
+    tilt = 0.1 * G
+    values = measure(job, hydrostatic(p, 0.2, (tilt, 0.0, -G)), p.geometry)
+    mass = RHO * 0.6 * 0.3 * 0.2 + RHO * 0.6**2 / 2 * 0.1 * 0.3
+    assert values["load.Fx [N]"] == pytest.approx(mass * tilt, rel=0.02)
+    assert values["load.Fz [N]"] == pytest.approx(-mass * G, rel=0.005)
+    assert values["load.Fy [N]"] == pytest.approx(0, abs=1e-6)
+    # the weight acts at the centroid of the wedge on top of the layer
+    x, z = (np.repeat(np.linspace(0.0005, 0.5995, 600), 300), np.tile(np.linspace(0.0005, 0.2995, 300), 600))
+    inside = z < 0.2 + 0.1 * x
+    moment = mass * (z[inside].mean() * tilt + (x[inside].mean() - 0.3) * G)
+    assert values["load.My [N m]"] == pytest.approx(moment, rel=0.02)
+
+
+GAUGES = "{name: a, kind: elevation, at: [0.1]}, {name: b, kind: elevation, at: [0.01]}"
+
+
+@pytest.fixture(scope="module")
+def gauges():
+    """Return a function that reads two gauges, and a deep lattice to cut liquid from."""
+    job = make_job(GAUGES)
+    probes = build_probes(job, place(job, "half").geometry)
+    deep = place(make_job(GAUGES, depth=0.448), "half")
+
+    def read(position):
+        state = SimpleNamespace(position=position, kind=np.zeros(len(position), np.int8))
+        return np.array([probe.value(probe.partial(state))[0] for probe in probes])
+
+    return read, deep.position[deep.kind == FLUID]
+
+
+def test_flat_surface(gauges):
+    read, lattice = gauges
+    for rows in (1, 2, 5, 62, 100):
+        flat = lattice[lattice[:, 2] < 0.004 * rows]
+        np.testing.assert_allclose(read(flat), 0.004 * rows, atol=0.02 * 0.004)
+        for part in (0.1, 0.3, 0.7):
+            lifted = read(flat + [part * 0.004, 0, part * 0.004]) if rows > 10 else read(flat)
+            wanted = 0.004 * (rows + (part if rows > 10 else 0))
+            assert lifted[0] == pytest.approx(wanted, abs=0.02 * 0.004)
+    assert not read(lattice[:0]).any()
+    np.testing.assert_allclose(read(lattice[lattice[:, 2] < 0.448]), 0.448, atol=1e-4)
+
+
+def test_spray_above_does_not_count(gauges):
+    read, lattice = gauges
+    flat = lattice[lattice[:, 2] < 0.248]
+    blob = lattice[(np.abs(lattice[:, 0] - 0.1) < 0.02) & (np.abs(lattice[:, 2] - 0.35) < 0.02)]
+    np.testing.assert_allclose(read(np.concatenate([flat, blob])), read(flat), rtol=1e-12)
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.1, 0.5])
+def test_disturbed_and_sloped_surface(gauges, slope):
+    """A lattice sheared to a slope, in many phases, and shaken by a tenth of a spacing."""
+    read, lattice = gauges
+    rng = np.random.default_rng(4)
+    flat = lattice[lattice[:, 2] < 0.248]
+    errors = []
+    for shake in (0.0, 0.1):
+        for _ in range(30):
+            shift = 0.004 * rng.uniform(-0.5, 0.5, size=2)
+            rise = slope * (flat[:, 0] - 0.1) + shift[1]
+            moved = flat + np.stack([np.full_like(rise, shift[0]), np.zeros_like(rise), rise], axis=1)
+            moved = moved + rng.normal(size=moved.shape) * [1, 0, 1] * shake * 0.004
+            level = 0.248 + shift[1] + slope * (np.array([0.1, 0.01]) - shift[0] - 0.1)
+            errors.append((read(moved) - level) / 0.004)
+    errors = np.array(errors)
+    assert np.abs(errors[:30]).max() < 0.1
+    assert np.abs(errors[30:].mean(axis=0)).max() < 0.1
+    assert errors[30:].std(axis=0).max() < 0.12
+
+
+def test_gauge_beside_and_above_a_baffle():
+    places = enumerate((0.39, 0.395, 0.4))
+    probes = ", ".join(f"{{name: g{i}, kind: elevation, at: [{x}]}}" for i, x in places)
+    job = make_job(probes, baffles=POST)
+    p = place(job, "half")
+    values = list(measure(job, hydrostatic(p, 0.25), p.geometry).values())
+    np.testing.assert_allclose(values, 0.25, atol=0.1 * 0.004)
+    # the other side of the baffle is dry below its tip
+    left = p.position[(p.kind == FLUID) & (p.position[:, 0] < 0.4) & (p.position[:, 2] < 0.1)]
+    state = SimpleNamespace(position=left, kind=np.zeros(len(left), np.int8))
+    gauge = build_probes(make_job("{name: g, kind: elevation, at: [0.405]}", baffles=POST), p.geometry)[0]
+    assert gauge.value(gauge.partial(state))[0] == 0
+
+
+def test_gauge_in_3d():
+    job = make_job("{name: g, kind: elevation, at: [0.01, 0.155]}", (0.6, 0.31, 0.5), 0.2, 0.02)
+    p = place(job, "half")
+    assert measure(job, hydrostatic(p, 0.2), p.geometry)["g [m]"] == pytest.approx(0.2, abs=0.1 * 0.02)
