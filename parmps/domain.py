@@ -60,12 +60,10 @@ class Domain:
         return self._reduce(values, MPI.MIN)
 
     def _reduce(self, values, operation):
-        if self.size == 1:
-            return values
         array = np.asarray(values)
         out = np.empty_like(array)
         self.comm.Allreduce(array, out, operation)
-        return out if np.ndim(values) else out[()]
+        return out if np.ndim(values) else out.item()
 
     def first_of(self, count):
         """Number of items on the ranks before this one.

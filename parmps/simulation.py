@@ -32,6 +32,23 @@ VISCOUS_STEP = 0.2
 """Bound of the step by viscosity: dt <= 0.2 l0^2 / nu."""
 
 
+COUNTERS = (
+    "time",
+    "step_number",
+    "work_done",
+    "initial_energy",
+    "energy_scale",
+    "contacts",
+    "put_back",
+    "iterations",
+    "iterations_max",
+    "step_min",
+    "step_max",
+)
+"""What a simulation knows beside its particles. Those of `SUMMED` are this rank's share of a sum."""
+SUMMED = ("work_done", "contacts", "put_back")
+
+
 class Work:
     """Arrays that live for one step: filled by one stage, read by later ones.
 
@@ -231,18 +248,18 @@ class Simulation:
 
     # Time
 
-    def choose_step(self, limit):
+    def choose_step(self, until):
         """Choose the time step, and learn whether the halo still reaches far enough.
 
         Parameters
         ----------
-        limit : float
-            Time to the next output, which a whole number of steps must reach, s.
+        until : float
+            Time of the next output, which a whole number of steps must reach, s.
 
         Raises
         ------
         DivergedError
-            A velocity is not finite.
+            On all ranks: a velocity is not finite.
         """
         p = self.particles
         speed2 = np.einsum("ij,ij->i", p.velocity[: p.liquid], p.velocity[: p.liquid])
@@ -255,14 +272,17 @@ class Simulation:
         if not math.isfinite(speed):
             raise DivergedError(f"a velocity is not finite at t = {self.time:g} s, step {self.step_number}")
         control, force = self.job.time, np.linalg.norm(self.frame.force)
-        bounds = [control.max_step or math.inf, limit]
+        bounds = [control.max_step or math.inf]
         if speed > 0.0:
             bounds.append(control.cfl * self.l0 / speed)
         if force > 0.0:
             bounds.append(STEADY_STEP * math.sqrt(self.l0 / force))
-        if self.viscosity > 0.0 and "viscosity" in self.seconds:
+        if "viscosity" in self.seconds:
             bounds.append(VISCOUS_STEP * self.l0**2 / self.viscosity)
-        self.dt = limit / math.ceil(limit / min(bounds) * (1.0 - 1e-9))
+        left = until - self.time
+        steps = max(math.ceil(left / min(bounds) * (1.0 - 1e-9)), 1)
+        self.dt = left / steps
+        self._end_of_step = until if steps == 1 else self.time + self.dt
         self.courant = speed * self.dt / self.l0
         # Two particles of different ranks may approach each other, and move once more before the next look.
         self._stale = 2.0 * (moved + speed * self.dt) > HALO_MARGIN * self.l0
@@ -277,22 +297,22 @@ class Simulation:
         if not self.plan.solve:
             self.frame = self.motion.at(self.time)
         self._run(self.plan.move)
-        self.time += self.dt
+        self.time = self._end_of_step
         self.step_number += 1
         self.iterations += self.solver.iterations
         self.iterations_max = max(self.iterations_max, self.solver.iterations)
         self.step_min, self.step_max = min(self.step_min, self.dt), max(self.step_max, self.dt)
 
-    def step(self, limit):
-        """Advance by one time step, no further than ``limit`` from now.
+    def step(self, until):
+        """Advance by one time step, no further than to a given time.
 
         Parameters
         ----------
-        limit : float
+        until : float
             s.
         """
         self.balance()
-        self.choose_step(limit)
+        self.choose_step(until)
         self.solve()
         self.move()
 
@@ -301,6 +321,33 @@ class Simulation:
             start = clock.perf_counter()
             stage.run(self)
             self.seconds[stage.name] += clock.perf_counter() - start
+
+    # States
+
+    def snapshot(self):
+        """Copy what `restore` needs to come back to this instant.
+
+        Returns
+        -------
+        dict
+        """
+        counters = {name: getattr(self, name) for name in COUNTERS}
+        arrays = {name: values.copy() for name, values in self.particles.arrays().items()}
+        return {"counters": counters, "arrays": arrays, "left": list(self.left)}
+
+    def restore(self, snapshot):
+        """Go back to a snapshot of this rank, or on to the state of a checkpoint.
+
+        Parameters
+        ----------
+        snapshot : dict
+            ``counters``, ``arrays`` of particles, and ``left``: what is to be told of particles that left.
+        """
+        for name in COUNTERS:
+            setattr(self, name, snapshot["counters"][name])
+        self.left = snapshot["left"]
+        self.particles = Particles(snapshot["arrays"])
+        self.distribute()
 
     # Sums over the liquid
 

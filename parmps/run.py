@@ -1,0 +1,370 @@
+"""A run: the time loop of a simulation with its probes, results, checkpoints and messages."""
+
+import math
+import os
+import platform
+import resource
+import sys
+import time as clock
+from pathlib import Path
+from types import SimpleNamespace
+
+import h5py
+import numba
+import numpy as np
+
+import parmps
+from parmps import checkpoint
+from parmps.errors import DivergedError, OutputError
+from parmps.loader import job_text
+from parmps.output import ParticleFile, ProbeTable, prepare_directory, write_json
+from parmps.particles import FIELDS, FLUID
+from parmps.pressure import petsc_version
+from parmps.probes import build_probes
+from parmps.report import RunLog, timer_table
+from parmps.simulation import COUNTERS, SUMMED, Simulation
+
+
+class Schedule:
+    """Times at which something is due: the multiples of an interval, and the end of the run.
+
+    Parameters
+    ----------
+    every, end : float
+        Interval and end of the run, s.
+    """
+
+    def __init__(self, every, end):
+        self.every, self.end = every, end
+
+    def due(self, time):
+        """Whether something is due at this time, in s."""
+        return time >= self.end or time == round(time / self.every) * self.every
+
+    def after(self, time):
+        """The next time due after this one, in s; past the end, the run's pace goes on."""
+        if time >= self.end:
+            return time + self.every
+        number = math.floor(time / self.every) + 1
+        if number * self.every <= time * (1.0 + 1e-12):  # rounding
+            number += 1
+        return min(number * self.every, self.end)
+
+    def count(self):
+        """Number of times due in the whole run, the start and the end included."""
+        return math.ceil(self.end / self.every * (1.0 - 1e-12)) + 1
+
+
+class Run:
+    """One run of a job into a directory.
+
+    Parameters
+    ----------
+    job : Job
+    domain : Domain
+    directory : path-like
+        Where results go.
+    restart : path-like, optional
+        Directory of the run to continue; its results are continued in place.
+
+    Raises
+    ------
+    InputError, OutputError
+        On all ranks.
+    """
+
+    def __init__(self, job, domain, directory, restart=None):
+        self.job, self.domain = job, domain
+        self.directory = Path(directory)
+        self.main = domain.rank == 0
+        self.simulation = Simulation(job, domain)
+        self.probes = build_probes(job, self.simulation.geometry)
+        if restart is not None:
+            self._read_checkpoint(Path(restart) / "checkpoint.h5")
+        self._on_main(lambda: prepare_directory(self.directory, restart is not None))
+        self.log = self._on_main(lambda: RunLog(self.directory / "run.log", _watched()))
+        end, out = job.time.end, job.output
+        self.samples = Schedule(out.probes_every, end)
+        self.frames = Schedule(out.particles_every, end)
+        self.saves = Schedule(out.checkpoint_every, end)
+        self._open_results(restart is not None)
+        self.wall = 0.0
+        self.status = "running"
+        self._good = self.simulation.snapshot()
+
+    def _on_main(self, action):
+        """Do something on rank 0 alone; its error, if any, is raised on all ranks."""
+        result = error = None
+        if self.main:
+            try:
+                result = action()
+            except OutputError as problem:
+                error = problem
+        error = self.domain.share(error)
+        if error is not None:
+            raise error
+        return result
+
+    def _everywhere(self, action):
+        """Do something on every rank; an error of any rank is raised on all."""
+        result = error = None
+        try:
+            result = action()
+        except OutputError as problem:
+            error = problem
+        errors = [e for e in self.domain.gather(error) if e is not None]
+        if errors:
+            raise errors[0]
+        return result
+
+    # Results
+
+    def _open_results(self, restart):
+        columns = [name for probe in self.probes for name in probe.columns]
+        table, path = self.directory / "probes.csv", self.directory / "particles.vtkhdf"
+        before = math.nextafter(self.simulation.time, -math.inf)
+        total, frames = self.simulation.totals["total"], self.frames.count()
+
+        def begin():
+            if restart:
+                self.frame = ParticleFile.resume(path, total, frames, before)
+                return ProbeTable.resume(table, columns, before)
+            self.frame = 0
+            texts = {"job": job_text(self.job), "version": parmps.__version__}
+            ParticleFile.create(path, total, frames, texts)
+            return ProbeTable.create(table, columns)
+
+        self.table = self._on_main(begin)
+        self.frame = self.domain.share(self.frame if self.main else None)
+        self.particle_file = self._everywhere(lambda: ParticleFile.open(path))
+
+    def _state(self):
+        """What probes see: the rank's own particles."""
+        s, p = self.simulation, self.simulation.particles
+        own = slice(0, p.owned)
+        names = ("position", "velocity", "pressure", "kind", "fluid", "normal", "depth")
+        return SimpleNamespace(
+            **{name: getattr(p, name)[own] for name in names},
+            surface=s.work.surface[own],
+            spacing=s.l0,
+            force=s.frame.force,
+            density=s.density,
+        )
+
+    def _sample(self):
+        state = self._state()
+        parts = [probe.partial(state) for probe in self.probes]
+        sums = self.domain.sum(np.concatenate([*parts, [0.0]]))
+        ends = np.cumsum([len(part) for part in parts])[:-1] if parts else []
+        values = [
+            value
+            for probe, part in zip(self.probes, np.split(sums[:-1], ends), strict=True)
+            for value in probe.value(part)
+        ] if parts else []
+        self._on_main(lambda: self.table.write(self.simulation.time, values))
+
+    def _write_frame(self):
+        s, p = self.simulation, self.simulation.particles
+        own = slice(0, p.owned)
+        arrays = {name: getattr(p, name)[own] for name in ("position", "id", "fluid", "velocity", "pressure")}
+        arrays["type"], arrays["surface"] = p.kind[own], s.work.surface[own]
+        start = self.domain.first_of(p.owned)
+        self._everywhere(lambda: self.particle_file.write(self.frame, start, arrays))
+        self._on_main(lambda: self.particle_file.commit(self.frame, s.time))
+        self.frame += 1
+
+    # Checkpoints
+
+    def _save(self):
+        """Write a checkpoint, then forget what a restart from it could not know."""
+        s, p = self.simulation, self.simulation.particles
+        path = self.directory / "checkpoint.h5"
+        ends = np.cumsum(self.domain.gather(p.owned)).tolist()
+        slabs = list(zip([0, *ends[:-1]], ends, strict=True))
+        counters = {name: getattr(s, name) for name in COUNTERS}
+        counters |= {name: self.domain.sum(counters[name]) for name in SUMMED}
+        attributes = {
+            "job": self.job.model_dump(mode="json"),
+            "version": parmps.__version__,
+            "counters": counters,
+            "left": [item for part in self.domain.gather(s.left) for item in part],
+        }
+        self._on_main(lambda: self.table.sync())
+        self._everywhere(self.particle_file.sync)
+        self._on_main(lambda: checkpoint.create(path, FIELDS, s.totals["total"], slabs, attributes))
+        arrays = {name: np.ascontiguousarray(a) for name, a in p.arrays().items()}
+        self._everywhere(lambda: checkpoint.write_slab(path, self.domain.rank, arrays))
+        self._on_main(lambda: checkpoint.commit(path))
+        s.distribute()
+
+    def _read_checkpoint(self, path):
+        s, domain = self.simulation, self.domain
+
+        def read():
+            header = checkpoint.read_header(path)
+            checkpoint.check_compatible(header, self.job.model_dump(mode="json"), parmps.__version__)
+            share = checkpoint.share_slabs(len(header.slabs), domain.size, domain.rank)
+            return header, checkpoint.read_slabs(path, share)
+
+        header, arrays = self._everywhere(read)
+        counters, left = dict(header.attributes["counters"]), header.attributes["left"]
+        if not self.main:
+            counters |= dict.fromkeys(SUMMED, 0)
+            left = []
+        s.restore({"counters": counters, "arrays": arrays, "left": left})
+
+    # The loop
+
+    def go(self):
+        """Run to the end of the job.
+
+        Raises
+        ------
+        DivergedError
+            On all ranks, after a checkpoint of the last good state.
+        OutputError
+            On all ranks.
+        """
+        s, job = self.simulation, self.job
+        if self.main:
+            self._greet()
+            self.log.start(s.time, job.time.end)
+        self.domain.barrier()
+        start = clock.perf_counter()
+        try:
+            self._loop()
+            self.status = "done"
+        except DivergedError as error:
+            self.status = f"diverged: {error}"
+            self._save_last_good()
+            raise
+        except OutputError as error:
+            self.status = f"failed: {error}"
+            raise
+        finally:
+            self.wall = clock.perf_counter() - start
+        self._finish()
+
+    def _loop(self):
+        s, end = self.simulation, self.job.time.end
+        schedules = (self.samples, self.frames, self.saves)
+        started = s.time
+        while True:
+            if self.saves.due(s.time) and s.time > started:
+                self._save()
+            s.balance()
+            s.choose_step(min(schedule.after(s.time) for schedule in schedules))
+            s.solve()
+            if self.samples.due(s.time):
+                self._good = s.snapshot()
+                self._sample()
+            if self.frames.due(s.time):
+                self._write_frame()
+            if s.time >= end:
+                break
+            s.move()
+            if self.main:
+                self.log.progress(s.time, s.step_number, s.dt, s.solver.iterations)
+
+    def _save_last_good(self):
+        """Write a checkpoint of the last sample, from before the solution went wrong."""
+        self.simulation.restore(self._good)
+        self._save()
+
+    def _greet(self):
+        s, line = self.simulation, self.log.line
+        line(f"parmps {parmps.__version__}: {self.job.title or 'untitled job'}")
+        line(
+            f"{s.totals['fluid']} fluid and {s.totals['total'] - s.totals['fluid']} boundary particles, "
+            f"spacing {s.l0:g} m, {self.domain.size} rank(s), scheme {self.job.scheme.preset}"
+        )
+
+    def _finish(self):
+        record = self.record()
+        if not self.main:
+            return
+        self.log.stop()
+        write_json(self.directory / "run.json", record)
+        line = self.log.line
+        line(timer_table(record["stage_seconds"], record["wall_seconds"]))
+        for item in record["left_tank"]:
+            line(f"particle {item['id']} left the tank at {item['position']} m in step {item['step']}")
+        line(
+            f"{record['steps']} steps, {record['ksp']['iterations_mean']:.1f} iterations a step, "
+            f"{record['ksp']['rebuilds']} multigrid set-ups; volume drift {record['volume_drift']:+.2%}, "
+            f"energy drift {record['energy_drift']:+.2%}"
+        )
+        line(f"Results are in {self.directory}; plot them: python postproc/plot_probes.py {self.directory}")
+
+
+    def close(self):
+        """Close all files and free the solver."""
+        self.simulation.solver.close()
+        self.particle_file.close()
+        if self.main:
+            self.table.close()
+            self.log.close()
+
+    def record(self):
+        """What run.json holds; collective.
+
+        Returns
+        -------
+        dict
+        """
+        s, domain = self.simulation, self.domain
+        names = list(s.seconds)
+        seconds = np.array([s.seconds[name] for name in names])
+        largest, mean = domain.max(seconds), domain.sum(seconds) / domain.size
+        memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+        p = s.particles
+        kinds = domain.sum(np.bincount(p.kind[: p.owned], minlength=4))
+        left = [item for part in domain.gather(s.left) for item in part]
+        total = int(kinds.sum())
+        return {
+            "status": self.status,
+            "ranks": domain.size,
+            "steps": s.step_number,
+            "simulated_seconds": s.time,
+            "wall_seconds": self.wall,
+            "particles": {
+                "fluid": int(kinds[FLUID]),
+                "wall": int(kinds[1]),
+                "dummy": int(kinds[2]),
+                "total": total,
+            },
+            "particles_lost": s.totals["total"] - total,
+            "left_tank": [{"id": i, "position": x, "step": step} for i, x, step in left],
+            "put_back_from_walls": int(domain.sum(s.put_back)),
+            "contacts": int(domain.sum(s.contacts)),
+            "stage_seconds": {
+                name: {"max": float(a), "mean": float(b)} for name, a, b in zip(names, largest, mean, strict=True)
+            },
+            "ksp": {
+                "iterations_mean": s.iterations / max(s.step_number, 1),
+                "iterations_max": s.iterations_max,
+                "rebuilds": s.solver.rebuilds,
+            },
+            "time_step": {"min": s.step_min, "max": s.step_max},
+            "volume_drift": s.volume_drift(),
+            "energy_drift": s.energy_drift(),
+            "peak_memory_bytes": domain.gather(memory),
+            "versions": {
+                "parmps": parmps.__version__,
+                "python": platform.python_version(),
+                "numpy": np.__version__,
+                "numba": numba.__version__,
+                "petsc": petsc_version(),
+                "h5py": h5py.__version__,
+            },
+        }
+
+
+def _watched():
+    """Whether a person watches: the standard output is a terminal, and so is that of mpirun, which passes it on."""
+    if not sys.stdout.isatty():
+        return False
+    try:
+        return os.readlink(f"/proc/{os.getppid()}/fd/1").startswith(("/dev/pts/", "/dev/tty"))
+    except OSError:
+        return True
