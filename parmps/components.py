@@ -7,7 +7,7 @@ set afterwards so that its least value is zero.
 """
 
 import numpy as np
-from scipy.sparse import csr_matrix
+from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 SHIFT = 1e-9
@@ -30,20 +30,20 @@ class Floating:
         self._rows = np.flatnonzero(label >= 0)
         self._label = label[self._rows]
 
-    def fix(self, domain, row_first, values, rhs):
+    def fix(self, domain, blocks, rhs):
         """Make the singular blocks of the matrix regular and their equations consistent.
 
         Parameters
         ----------
         domain : Domain
-        row_first, values
-            The matrix, diagonal first in each row; its diagonal is changed.
+        blocks : Blocks
+            The matrix, whose diagonal is changed.
         rhs : (rows,) float64
             Changed.
         """
         if self.count == 0:
             return
-        values[row_first[self._rows]] *= 1.0 + SHIFT
+        blocks.values[blocks.at_diagonal[self._rows]] *= 1.0 + SHIFT
         sums = domain.sum(
             np.array(
                 [
@@ -70,7 +70,7 @@ class Floating:
         pressure[self._rows] -= domain.min(least)[self._label]
 
 
-def floating_components(domain, column, row_first, columns, held):
+def floating_components(domain, column, blocks, held):
     """Find the connected parts of the pressure equation that have no particle of known pressure.
 
     Parameters
@@ -78,7 +78,7 @@ def floating_components(domain, column, row_first, columns, held):
     domain : Domain
     column : (n,) int
         Global row of each particle, own and halo, -1 for none.
-    row_first, columns
+    blocks : Blocks
         The matrix of this rank's rows.
     held : (rows,) bool or int8
         Rows whose pressure is tied to a known one: particles of the free surface.
@@ -87,21 +87,19 @@ def floating_components(domain, column, row_first, columns, held):
     -------
     Floating
     """
-    rows = len(row_first) - 1
-    known = np.flatnonzero(column >= 0)
-    order = known[np.argsort(column[known])]
-    if len(order):
-        local = order[np.searchsorted(column[order], columns)]
-        graph = csr_matrix((np.ones(len(local), np.int8), local, row_first), shape=(rows, len(column)))
-        graph.resize(len(column), len(column))
-        parts, part = connected_components(graph, directed=False)
-    else:
-        parts, part = 0, np.zeros(len(column), int)
+    rows, count = len(blocks.first) - 1, len(column)
+    beyond = np.flatnonzero(column[rows:] >= 0) + rows
+    order = beyond[np.argsort(column[beyond])]
+    halo = blocks.halo_columns[: blocks.halo_first[-1]]
+    ends = np.concatenate([blocks.columns[: blocks.first[-1]], order[np.searchsorted(column[order], halo)]])
+    begins = np.concatenate([np.repeat(np.arange(rows), np.diff(a)) for a in (blocks.first, blocks.halo_first)])
+    graph = coo_matrix((np.ones(len(ends), np.int8), (begins, ends)), shape=(count, count))
+    parts, part = connected_components(graph, directed=False) if count else (0, np.zeros(0, int))
     # Ranks agree on labels, and on what is held, by passing the least label and the most held along.
     label = np.where(column >= 0, column.astype(np.int64), np.iinfo(np.int64).max)
     tied = np.zeros(len(column), np.int64)
     tied[:rows] = held != 0
-    alone = np.diff(row_first) == 1  # dry wall particles and liquid particles alone have P = 0
+    alone = np.diff(blocks.first) + np.diff(blocks.halo_first) == 1  # dry wall particles and liquid particles alone have P = 0
     tied[:rows][alone] = 1
     while True:
         least = np.full(parts, np.iinfo(np.int64).max)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from parmps.kernels.pairs import find_pairs
+from parmps.kernels.pairs import bounds, find_pairs
 
 
 class Pairs:
@@ -63,17 +63,18 @@ class Pairs:
                 first,
                 self._other,
             )
-            if self.count <= len(self._other):
+            if self.count >= 0:
                 break
-            self._other = np.empty(self.count + self.count // 8 + 64, np.int32)
+            self._other = np.empty(2 * len(self._other) + 32 * rows + 1024, np.int32)
         self.lists = first, self._other
 
     def _grid(self, particles):
-        """Cells of the size of the radius around the particles; larger ones where those would be too many."""
-        inside = particles.position[particles.kind != 3]
-        if not len(inside):
+        """Cells of the size of the radius around the particles; at most 8 a particle, where spray flies far."""
+        lower, upper = bounds(particles.position, particles.kind)
+        if not np.all(lower <= upper):
             return np.zeros(3), np.ones(3, np.int64)
-        lower, upper = inside.min(axis=0), inside.max(axis=0)
         shape = np.floor((upper - lower) / self._reach).astype(np.int64) + 1
-        limit = max(64, int(round((8 * len(particles.position)) ** (1 / np.count_nonzero(upper > lower) if np.any(upper > lower) else 1))) * 4)
-        return lower, np.minimum(shape, limit)
+        most = 8 * len(particles) + 64
+        while shape.prod() > most:
+            shape[np.argmax(shape)] //= 2  # particles beyond the grid count to its last cells
+        return lower, shape

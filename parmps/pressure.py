@@ -3,18 +3,20 @@
 The only module that knows PETSc. All its options can be given on the command line with the prefix ``-ppe_``.
 """
 
+import ctypes
 import sys
 
 import numpy as np
 import petsc4py
+from mpi4py import MPI  # for the handle of the communicator alone
 
 petsc4py.init([sys.argv[0], *(a for a in sys.argv[1:])] if any(a.startswith("-ppe_") for a in sys.argv) else [])
 from petsc4py import PETSc  # noqa: E402
 
 from parmps.errors import DivergedError  # noqa: E402
 
-EXCESS_ITERATIONS = 20
-"""Iterations beyond those of a fresh hierarchy that pay for a new one: its set-up costs about three solves."""
+EXCESS_ITERATIONS = 40
+"""Iterations beyond those of a fresh hierarchy that pay for a new one: its set-up costs about as much time."""
 
 DEFAULTS = {
     "ksp_type": "cg",
@@ -52,7 +54,7 @@ class PressureSolver:
                 options[name] = value
         self._tolerance = tolerance
         self._ksp = None
-        self._matrix = None
+        self._matrix = self._model = None
         self.iterations = 0
         self.rebuilds = 0
         self._fresh = None
@@ -77,15 +79,13 @@ class PressureSolver:
         self._b = self._x.duplicate()
         self._fresh = None
 
-    def solve(self, row_first, columns, values, rhs, guess):
+    def solve(self, blocks, rhs, guess):
         """Solve for the pressure.
 
         Parameters
         ----------
-        row_first : (rows + 1,) int32
-        columns : (entries,) int32
-            Global column numbers.
-        values : (entries,) float64
+        blocks : Blocks
+            The matrix; its arrays become PETSc's until the next solve.
         rhs : (rows,) float64
         guess : (rows,) float64
             Where to begin.
@@ -100,20 +100,18 @@ class PressureSolver:
             On all ranks, with PETSc's reason.
         """
         old = self._matrix
-        size = (self._rows, None)
-        self._matrix = PETSc.Mat().createAIJ((size, size), csr=(row_first, columns, values), comm=self._comm)
-        self._matrix.setOption(PETSc.Mat.Option.SPD, True)
+        self._matrix = _wrap(self._comm, self._rows, blocks)
         self._x.array[:] = guess
         self._b.array[:] = rhs
         if self._fresh is None or self._excess >= EXCESS_ITERATIONS:
             self._renew()
-        self._ksp.setOperators(self._matrix)
+        self._ksp.setOperators(self._matrix, self._model)
         self._ksp.solve(self._b, self._x)
-        if self._ksp.getConvergedReason() < 0 and self._excess > 0:
+        if self._ksp.getConvergedReason() < 0 and self._fresh is not None:
             # The hierarchy may have aged too fast to notice: try once more with a new one.
             self._renew()
             self._x.array[:] = guess
-            self._ksp.setOperators(self._matrix)
+            self._ksp.setOperators(self._matrix, self._model)
             self._ksp.solve(self._b, self._x)
         if old is not None:
             old.destroy()
@@ -129,15 +127,15 @@ class PressureSolver:
         self._excess += max(self.iterations - self._fresh, 0)
         return self._x.array.copy()
 
-    def renew(self):
-        """Set the hierarchy up again at the next solve, so that it does not depend on the past."""
-        self._fresh = None
-
     def _renew(self):
-        self._ksp.getPC().setReusePreconditioner(False)
-        self._ksp.setOperators(self._matrix)
+        """Set the hierarchy up from a copy of the present matrix, which lives as long as the hierarchy."""
+        old, self._model = self._model, self._matrix.duplicate(copy=True)
+        for _ in range(self.rebuilds + 1):
+            self._model.stateIncrease()  # else PETSc takes the copy, as young as the last one, for the last one
+        self._ksp.setOperators(self._model, self._model)
         self._ksp.setUp()
-        self._ksp.getPC().setReusePreconditioner(True)
+        if old is not None:
+            old.destroy()
         self._fresh, self._excess = None, 0
         self.rebuilds += 1
 
@@ -164,9 +162,10 @@ class PressureSolver:
             for thing in (self._ksp, self._x, self._b):
                 thing.destroy()
             self._ksp = None
-        if self._matrix is not None:
-            self._matrix.destroy()
-            self._matrix = None
+        for matrix in (self._matrix, self._model):
+            if matrix is not None:
+                matrix.destroy()
+        self._matrix = self._model = None
 
 
 _REASONS = {
@@ -186,16 +185,57 @@ def petsc_version():
     return ".".join(str(number) for number in PETSc.Sys.getVersion())
 
 
-def empty_rows(rows, entries):
-    """Arrays for a matrix of so many rows and entries at most.
+class Blocks:
+    """This rank's rows of a matrix: the block among them and the one that couples to other ranks.
 
     Parameters
     ----------
     rows, entries : int
+        Number of rows, and of entries at most.
 
-    Returns
-    -------
-    row_first, columns, values
+    Attributes
+    ----------
+    first, columns, values
+        Block among the rank's rows, compressed rows with local columns.
+    halo_first, halo_columns, halo_values
+        The other block, with global columns.
+    at_diagonal : (rows,) int
+        Where the diagonal is in ``values``.
     """
-    index = PETSc.IntType
-    return np.zeros(rows + 1, index), np.empty(entries, index), np.empty(entries)
+
+    def __init__(self, rows, entries):
+        index = PETSc.IntType
+        self.first, self.columns, self.values = np.zeros(rows + 1, index), np.empty(entries, index), np.empty(entries)
+        self.halo_first = np.zeros(rows + 1, index)
+        self.halo_columns, self.halo_values = np.empty(entries, index), np.empty(entries)
+        self.at_diagonal = np.zeros(rows, index)
+
+    @property
+    def arrays(self):
+        """The six arrays of the two blocks."""
+        return self.first, self.columns, self.values, self.halo_first, self.halo_columns, self.halo_values
+
+
+_LIBRARY = ctypes.CDLL(PETSc.__file__)  # petsc4py has no name for these two functions of PETSc
+
+
+def _wrap(comm, rows, blocks):
+    """Make a matrix of the arrays themselves, without a copy (MatCreateMPIAIJWithSplitArrays)."""
+    matrix = PETSc.Mat().create(comm)
+    raw = ctypes.c_void_p()
+    size = ctypes.c_int if blocks.first.itemsize == 4 else ctypes.c_int64
+    arrays = [a.ctypes.data_as(ctypes.c_void_p) for a in blocks.arrays]
+    sizes = [size(rows), size(rows), size(PETSc.DETERMINE), size(PETSc.DETERMINE)]
+    status = _LIBRARY.MatCreateMPIAIJWithSplitArrays(_handle(comm), *sizes, *arrays, ctypes.byref(raw))
+    status = status or _LIBRARY.MatHeaderReplace(ctypes.c_void_p(matrix.handle), ctypes.byref(raw))
+    if status:
+        raise PETSc.Error(status)
+    matrix.setOption(PETSc.Mat.Option.SPD, True)
+    return matrix
+
+
+def _handle(comm):
+    """The communicator as C passes it: a pointer with Open MPI, an int with MPICH."""
+    mpi = comm.tompi4py()
+    kind = ctypes.c_int if MPI._sizeof(mpi) == 4 else ctypes.c_void_p
+    return kind.from_address(MPI._addressof(mpi))

@@ -61,17 +61,24 @@ class Scheme(Section):
         default="ghost",
     )
     gamma: Number = setting(
-        "share of the density error in the pressure equation's source, per step; 0.01 in [000] eq. 9 and "
-        "[002] eq. 11; with position start, of the error above overdensity alone",
-        default=0.05,
+        "share of the density error in the pressure equation's source, per step (position moved); 0.01 in "
+        "[000] eq. 9 and [002] eq. 11",
+        default=0.01,
         ge=0,
         le=1,
     )
     overdensity: Number = setting(
         "number density, over n0, above which particles are pushed apart (position start)",
-        default=1.03,
+        default=1.06,
         ge=1,
         le=2,
+    )
+    separation: Number = setting(
+        "how fast they are pushed apart: share of the excess density removed per (sqrt(f / l0) + u / l0) dt, f "
+        "the body force and u the greatest speed (position start)",
+        default=0.3,
+        ge=0,
+        le=10,
     )
     volume_time: Annotated[Number, Field(gt=0, le=1e3)] | None = setting(
         "relaxation time of the volume error, measured with a wide smooth weight (position start); null: none",
@@ -82,14 +89,16 @@ class Scheme(Section):
         "reach of the smooth weight that measures the volume error", "l0", 3.1, ge=1.6, le=5
     )
     shifting: Number = setting(
-        "particle shifting towards even spacing, per Courant number (position start; after Khayyer 2017)",
-        default=0.5,
+        "shifting of particles towards even spacing, over the asymmetry of their neighbours, per "
+        "(sqrt(f / l0) + 0.2 u / l0) dt (position start; after Khayyer 2017)",
+        default=0.6,
         ge=0,
         le=10,
     )
     damping: Number = setting(
-        "damping of velocity differences that no linear field explains, per Courant number (position start)",
-        default=2.0,
+        "damping of velocity differences that no linear field explains, per (sqrt(f / l0) + 0.2 u / l0) dt "
+        "(position start)",
+        default=1.1,
         ge=0,
         le=10,
     )
@@ -101,10 +110,10 @@ class Scheme(Section):
         le=100,
     )
     divergence_floor: Number = setting(
-        "least eigenvalue of the moment matrices of the divergence", default=0.5, gt=0, le=1
+        "least eigenvalue of the moment matrices of the divergence", default=0.4, gt=0, le=1
     )
     gradient_floor: Number = setting(
-        "least eigenvalue of the moment matrices of the pressure gradient", default=0.75, gt=0, le=1
+        "least eigenvalue of the moment matrices of the pressure gradient", default=0.6, gt=0, le=1
     )
     collision_distance: Number = setting(
         "distance below which two particles that approach each other are stopped; 0 for never",

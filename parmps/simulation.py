@@ -14,7 +14,7 @@ from parmps.kernels.weight import lattice
 from parmps.motion import Motion
 from parmps.neighbors import Pairs
 from parmps.particles import FLUID, OUT, Particles
-from parmps.pressure import PressureSolver, empty_rows
+from parmps.pressure import Blocks, PressureSolver
 from parmps.stages import make_plan
 from parmps.tank import initial_velocity, place
 
@@ -90,8 +90,9 @@ class Simulation:
         Of the step under way, s.
     particles : Particles
     plan : Plan
-    courant : float
-        Greatest speed times the time step over the spacing.
+    courant, grid_number, activity : float
+        Time step in the units that shifting and damping refer to: u dt / l0 with the greatest speed u,
+        sqrt(f / l0) dt with the body force f, and the latter plus a fifth of the former.
     contacts, put_back : int
         Of this rank: contacts of close particles, particles put back from walls.
     """
@@ -131,7 +132,7 @@ class Simulation:
         self.particles = Particles(arrays)
         self.time, self.step_number, self.dt = 0.0, 0, 0.0
         self.frame = self.motion.at(0.0)
-        self.courant = 0.0
+        self.courant = self.grid_number = self.activity = 0.0
         self.contacts = self.put_back = 0
         self.left = []
         self.work_done = 0.0  # of the body force on this rank's liquid, J
@@ -164,7 +165,7 @@ class Simulation:
             p.resize(p.owned)
         self.domain.build_halo(p, self.halo_width)
         self.work = Work(p.rows, len(p))
-        self._matrix = None
+        self._blocks = None
         self.column = np.full(len(p), -1, np.int32)
         self.column[: p.rows] = self._first_row + np.arange(p.rows)
         self.domain.exchange(self.column)
@@ -189,17 +190,17 @@ class Simulation:
 
     # What the stages use
 
-    def matrix_arrays(self):
+    def blocks(self):
         """Room for this rank's part of the matrix.
 
         Returns
         -------
-        row_first, columns, values
+        Blocks
         """
         entries = self.pairs.count + self.particles.rows
-        if self._matrix is None or len(self._matrix[1]) < entries:
-            self._matrix = empty_rows(self.particles.rows, entries + entries // 8)
-        return self._matrix
+        if self._blocks is None or len(self._blocks.columns) < entries:
+            self._blocks = Blocks(self.particles.rows, entries + entries // 8)
+        return self._blocks
 
     def lattice_matrix(self):
         """Moment matrices of the lattice, for operators without correction.
@@ -284,6 +285,8 @@ class Simulation:
         self.dt = left / steps
         self._end_of_step = until if steps == 1 else self.time + self.dt
         self.courant = speed * self.dt / self.l0
+        self.grid_number = math.sqrt(force / self.l0) * self.dt
+        self.activity = self.grid_number + 0.2 * self.courant
         # Two particles of different ranks may approach each other, and move once more before the next look.
         self._stale = 2.0 * (moved + speed * self.dt) > HALO_MARGIN * self.l0
 

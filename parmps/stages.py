@@ -20,6 +20,10 @@ VOLUME_EVERY = 5
 """Steps between two measurements of the volume error, which changes slowly."""
 
 
+RESIDUAL_DAMPING = 2.0
+"""Damping of a velocity difference that no linear field explains, per (difference) dt / l0."""
+
+
 class Stage(NamedTuple):
     """One stage of a step.
 
@@ -354,7 +358,8 @@ def measure_divergence(sim):
         return
     if s.volume_time is not None:
         trace = trace - p.compression[:rows] / s.volume_time
-    trace = trace - s.gamma * np.maximum(over - s.overdensity, 0.0) / sim.dt
+    share = min(s.separation * (sim.grid_number + sim.courant), 0.2)
+    trace = trace - share * np.maximum(over - s.overdensity, 0.0) / sim.dt
     w.source[:rows] = trace / sim.dt
 
 
@@ -362,8 +367,8 @@ def solve_pressure(sim):
     """Assemble and solve the pressure equation; extrapolate the pressure into the dummy layers."""
     p, s, w = sim.particles, sim.scheme, sim.work
     lat = sim.laplacian_lattice
-    matrix = sim.matrix_arrays()
-    entries = poisson.poisson_rows(
+    blocks = sim.blocks()
+    poisson.poisson_rows(
         p.position,
         p.kind,
         w.surface,
@@ -380,15 +385,14 @@ def solve_pressure(sim):
         sim.density,
         0.5 if s.gradient == "corrected" else 1.0,
         s.surface == "ghost",
-        *matrix,
+        *blocks.arrays,
+        blocks.at_diagonal,
         w.rhs,
     )
-    row_first, columns, values = matrix
-    columns, values = columns[:entries], values[:entries]
     if sim.check_floating():
-        sim.floating = floating_components(sim.domain, sim.column, row_first, columns, w.surface[: p.rows])
-    sim.floating.fix(sim.domain, row_first, values, w.rhs)
-    p.pressure[: p.rows] = sim.solver.solve(row_first, columns, values, w.rhs, p.pressure[: p.rows])
+        sim.floating = floating_components(sim.domain, sim.column, blocks, w.surface[: p.rows])
+    sim.floating.fix(sim.domain, blocks, w.rhs)
+    p.pressure[: p.rows] = sim.solver.solve(blocks, w.rhs, p.pressure[: p.rows])
     sim.floating.level(sim.domain, p.pressure[: p.rows])
     sim.domain.exchange(p.pressure)
 
@@ -412,7 +416,8 @@ def accelerate(sim):
         sim.l0,
         s.radius,
         n0,
-        min(s.damping * sim.courant, 0.5),
+        s.damping * sim.activity,
+        RESIDUAL_DAMPING * sim.dt / sim.l0,
         p.liquid,
         w.change,
     )
@@ -478,7 +483,7 @@ def move(sim):
         w.gradient,
         sim.l0,
         sim.surface_lean,
-        min(s.shifting * sim.courant, 0.1),
+        min(s.shifting * sim.activity, 0.2),
         sim.dt,
         p.liquid,
     )

@@ -13,7 +13,8 @@ def corrected_gradient(
     """Gradient from P_j - P_i with the inverse moment matrix, exact for linear fields (Duan 2018).
 
     In the surface, zero pressure half a spacing above the particle takes part with the missing neighbours'
-    weight, as in the pressure equation; its moment must be in ``inverse``.
+    weight, as in the pressure equation; its moment must be in ``inverse``. Suction in surface particles,
+    which only noise makes, does not act.
 
     Parameters
     ----------
@@ -38,6 +39,7 @@ def corrected_gradient(
     for i in range(rows):
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
         gx = gy = gz = 0.0
+        here = pressure[i] if surface[i] == 0 else max(pressure[i], 0.0)
         for k in range(first[i], first[i + 1]):
             j = other[k]
             if kind[j] == 2:
@@ -48,14 +50,15 @@ def corrected_gradient(
             r2 = dx * dx + dy * dy + dz * dz
             if r2 >= reach * reach:
                 continue
-            s = weight(math.sqrt(r2), reach) / r2 * (pressure[j] - pressure[i])
+            there = pressure[j] if surface[j] == 0 else max(pressure[j], 0.0)
+            s = weight(math.sqrt(r2), reach) / r2 * (there - here)
             gx += s * dx
             gy += s * dy
             gz += s * dz
         if surface[i] != 0:
-            gx -= 2.0 * pressure[i] * lean[i, 0]
-            gy -= 2.0 * pressure[i] * lean[i, 1]
-            gz -= 2.0 * pressure[i] * lean[i, 2]
+            gx -= 2.0 * here * lean[i, 0]
+            gy -= 2.0 * here * lean[i, 1]
+            gz -= 2.0 * here * lean[i, 2]
         m = inverse[i]
         out[i, 0] = scale * (m[0] * gx + m[1] * gy + m[2] * gz)
         out[i, 1] = scale * (m[1] * gx + m[3] * gy + m[4] * gz)
@@ -138,12 +141,13 @@ def paper_gradient(position, pressure, first, other, l0, reach, n0, dimension, m
 
 
 @compiled
-def residual_damping(position, velocity, kind, gradient, first, other, l0, reach, n0, strength, rows, out):
+def residual_damping(position, velocity, kind, gradient, first, other, l0, reach, n0, base, slope, rows, out):
     """Velocity change that damps what a linear field cannot explain.
 
-    dv_i = strength/n0 sum W [v_j - v_i - (grad v_i + grad v_j)/2 (r_j - r_i)] over fluid particles. The bracket
+    dv_i = 1/n0 sum e W [v_j - v_i - (grad v_i + grad v_j)/2 (r_j - r_i)] over fluid particles. The bracket
     is of third order in the distance for smooth fields and of first order for noise between neighbours, and
-    antisymmetric, so that momentum is kept.
+    antisymmetric, so that momentum is kept. The strength e = base + slope |bracket|, at most 0.3, is greater
+    where flows collide.
 
     Parameters
     ----------
@@ -157,7 +161,7 @@ def residual_damping(position, velocity, kind, gradient, first, other, l0, reach
         Spacing, m.
     reach, n0 : float
         Radius in spacings, and its lattice number density.
-    strength : float
+    base, slope : float, 1 and s/m
         Share of the residual removed in this step.
     rows : int
     out : (n, 3) float64, m/s
@@ -181,15 +185,13 @@ def residual_damping(position, velocity, kind, gradient, first, other, l0, reach
             dx *= 0.5
             dy *= 0.5
             dz *= 0.5
-            ax += w * (
-                velocity[j, 0] - velocity[i, 0] - (g[0] + h[0]) * dx - (g[1] + h[1]) * dy - (g[2] + h[2]) * dz
-            )
-            ay += w * (
-                velocity[j, 1] - velocity[i, 1] - (g[3] + h[3]) * dx - (g[4] + h[4]) * dy - (g[5] + h[5]) * dz
-            )
-            az += w * (
-                velocity[j, 2] - velocity[i, 2] - (g[6] + h[6]) * dx - (g[7] + h[7]) * dy - (g[8] + h[8]) * dz
-            )
-        out[i, 0] = strength / n0 * ax
-        out[i, 1] = strength / n0 * ay
-        out[i, 2] = strength / n0 * az
+            rx = velocity[j, 0] - velocity[i, 0] - (g[0] + h[0]) * dx - (g[1] + h[1]) * dy - (g[2] + h[2]) * dz
+            ry = velocity[j, 1] - velocity[i, 1] - (g[3] + h[3]) * dx - (g[4] + h[4]) * dy - (g[5] + h[5]) * dz
+            rz = velocity[j, 2] - velocity[i, 2] - (g[6] + h[6]) * dx - (g[7] + h[7]) * dy - (g[8] + h[8]) * dz
+            w *= min(base + slope * math.sqrt(rx * rx + ry * ry + rz * rz), 0.3)
+            ax += w * rx
+            ay += w * ry
+            az += w * rz
+        out[i, 0] = ax / n0
+        out[i, 1] = ay / n0
+        out[i, 2] = az / n0

@@ -74,17 +74,21 @@ def find_pairs(position, kind, normal, rows, reach, lower, shape, solids, wall_p
     first : (rows + 1,) int64
         Filled: where the neighbours of each particle begin in ``other``.
     other : (capacity,) int32
-        Filled: the neighbours.
+        Filled: the neighbours, ascending.
 
     Returns
     -------
     int
-        Number of pairs; where it is above the capacity, the lists are not complete.
+        Number of pairs, or -1 where the capacity does not suffice.
     """
     start, order = sort_into_cells(position, lower, reach, shape)
-    sorted_position = np.empty_like(position)
-    for k in range(order.shape[0]):
-        sorted_position[k] = position[order[k]]
+    n = order.shape[0]
+    sx, sy, sz = np.empty(n), np.empty(n), np.empty(n)
+    solid = np.empty(n, np.bool_)
+    for k in range(n):
+        i = order[k]
+        sx[k], sy[k], sz[k] = position[i, 0], position[i, 1], position[i, 2]
+        solid[k] = kind[i] != 0
     reach2 = reach * reach
     baffled = solids.shape[0] > 0
     capacity = other.shape[0]
@@ -99,31 +103,74 @@ def find_pairs(position, kind, normal, rows, reach, lower, shape, solids, wall_p
         cy = min(max(int((y - lower[1]) / reach), 0), shape[1] - 1)
         cz = min(max(int((z - lower[2]) / reach), 0), shape[2] - 1)
         low, high = max(cz - 1, 0), min(cz + 2, shape[2])
+        begin = count
+        walls = kind[i] != 0
         for a in range(max(cx - 1, 0), min(cx + 2, shape[0])):
             for b in range(max(cy - 1, 0), min(cy + 2, shape[1])):
                 line = (a * shape[1] + b) * shape[2]
-                for k in range(start[line + low], start[line + high]):
-                    dx = sorted_position[k, 0] - x
-                    dy = sorted_position[k, 1] - y
-                    dz = sorted_position[k, 2] - z
-                    if dx * dx + dy * dy + dz * dz >= reach2:
-                        continue
-                    j = order[k]
-                    if j == i or kind[j] == 3:
-                        continue
-                    if kind[i] == 0:
-                        if kind[j] != 0 and dx * normal[j, 0] + dy * normal[j, 1] + dz * normal[j, 2] >= 0.0:
-                            continue
-                    elif kind[j] == 0:
-                        if dx * normal[i, 0] + dy * normal[i, 1] + dz * normal[i, 2] <= 0.0:
-                            continue
-                    elif not wall_pairs:
-                        continue
-                    if baffled and kind[i] == 0 and kind[j] == 0:
-                        if crosses_solid(x, y, z, x + dx, y + dy, z + dz, solids):
-                            continue
-                    if count < capacity:
-                        other[count] = j
+                k0, k1 = start[line + low], start[line + high]
+                if count + k1 - k0 > capacity:
+                    return -1
+                for k in range(k0, k1):  # without branches, which could not be predicted
+                    dx, dy, dz = sx[k] - x, sy[k] - y, sz[k] - z
+                    near = dx * dx + dy * dy + dz * dz < reach2 and order[k] != i
+                    other[count] = order[k]
+                    count += near
+                    walls |= near and solid[k]
+        if walls or baffled:
+            end, count = count, begin
+            for k in range(begin, end):
+                j = other[k]
+                if _sees(i, j, position, kind, normal, solids, wall_pairs):
+                    other[count] = j
                     count += 1
+        for k in range(begin + 1, count):  # ascending: short, and nearly sorted already
+            j, m = other[k], k
+            while m > begin and other[m - 1] > j:
+                other[m] = other[m - 1]
+                m -= 1
+            other[m] = j
         first[i + 1] = count
     return count
+
+
+@compiled
+def _sees(i, j, position, kind, normal, solids, wall_pairs):
+    """Whether particle j is a neighbour of i, apart from the distance."""
+    if kind[j] == 3:
+        return False
+    dx = position[j, 0] - position[i, 0]
+    dy = position[j, 1] - position[i, 1]
+    dz = position[j, 2] - position[i, 2]
+    if kind[i] == 0:
+        if kind[j] != 0:
+            return dx * normal[j, 0] + dy * normal[j, 1] + dz * normal[j, 2] < 0.0
+        x, y, z = position[i, 0], position[i, 1], position[i, 2]
+        return solids.shape[0] == 0 or not crosses_solid(x, y, z, x + dx, y + dy, z + dz, solids)
+    if kind[j] == 0:
+        return dx * normal[i, 0] + dy * normal[i, 1] + dz * normal[i, 2] > 0.0
+    return wall_pairs
+
+
+@compiled
+def bounds(position, kind):
+    """Corners of the box around all particles that did not leave the tank.
+
+    Parameters
+    ----------
+    position : (n, 3) float64, m
+    kind : (n,) int8
+
+    Returns
+    -------
+    (2, 3) float64, m
+        Infinite, upper below lower, if there are none.
+    """
+    box = np.empty((2, 3))
+    box[0], box[1] = np.inf, -np.inf
+    for i in range(position.shape[0]):
+        if kind[i] != 3:
+            for d in range(3):
+                box[0, d] = min(box[0, d], position[i, d])
+                box[1, d] = max(box[1, d], position[i, d])
+    return box

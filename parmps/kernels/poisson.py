@@ -28,6 +28,10 @@ def poisson_rows(
     row_first,
     columns,
     values,
+    halo_first,
+    halo_columns,
+    halo_values,
+    at_diagonal,
     rhs,
 ):
     """Assemble sum_j c W_ij [P_i - P_j + rho f_ij . (r_j - r_i)] = -rho s_i, with c = 2D/(n0 lambda l0^2).
@@ -68,32 +72,34 @@ def poisson_rows(
     row_first : (rows + 1,) int32
         Filled: where each row begins.
     columns, values : (capacity,) int32 and float64
-        Filled: the matrix, the diagonal first in each row.
+        Filled: the matrix among this rank's rows, with local columns, ascending in each row.
+    halo_first, halo_columns, halo_values
+        Filled: the rest of the matrix, with global columns.
+    at_diagonal : (rows,) int32
+        Filled: where in ``values`` the diagonal is.
     rhs : (rows,) float64
         Filled.
-
-    Returns
-    -------
-    int
-        Number of matrix entries.
     """
     scale = 2.0 * dimension / (n0 * lam * l0 * l0)
     rows = rhs.shape[0]
-    count = 0
-    row_first[0] = 0
+    count = beyond = 0
+    row_first[0] = halo_first[0] = 0
     for i in range(rows):
-        at_diagonal = count
-        count += 1
-        columns[at_diagonal] = column[i]
         if kind[i] == 3 or (surface[i] != 0 and not ghost):
-            values[at_diagonal] = scale * n0
+            columns[count], values[count] = i, scale * n0
+            at_diagonal[i] = count
+            count += 1
             rhs[i] = 0.0
-            row_first[i + 1] = count
+            row_first[i + 1], halo_first[i + 1] = count, beyond
             continue
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
         diagonal = flux = total = mx = my = mz = 0.0
+        at_diagonal[i] = -1
         for k in range(first[i], first[i + 1]):
             j = other[k]
+            if j > i and at_diagonal[i] < 0:
+                at_diagonal[i] = count
+                count += 1
             dx = (position[j, 0] - x) / l0
             dy = (position[j, 1] - y) / l0
             dz = (position[j, 2] - z) / l0
@@ -117,16 +123,24 @@ def poisson_rows(
                 fx, fy, fz = f[0], f[1], f[2]
             diagonal += w
             flux += w * (fx * dx + fy * dy + fz * dz)
-            if surface[j] == 0 or ghost:
-                columns[count] = column[j]
+            if surface[j] != 0 and not ghost:
+                continue
+            if j < rows:
+                columns[count] = j
                 values[count] = -scale * w
                 count += 1
+            else:
+                halo_columns[beyond] = column[j]
+                halo_values[beyond] = -scale * w
+                beyond += 1
         if surface[i] != 0:
             diagonal += max(2.0 * math.sqrt(mx * mx + my * my + mz * mz), n0 - total)
             flux += link_force[i, 0] * mx + link_force[i, 1] * my + link_force[i, 2] * mz
         if diagonal == 0.0:  # a dry wall particle, or a fluid particle alone
             diagonal = n0
-        values[at_diagonal] = scale * diagonal
+        if at_diagonal[i] < 0:
+            at_diagonal[i] = count
+            count += 1
+        columns[at_diagonal[i]], values[at_diagonal[i]] = i, scale * diagonal
         rhs[i] = -density * (source[i] + scale * l0 * flux)
-        row_first[i + 1] = count
-    return count
+        row_first[i + 1], halo_first[i + 1] = count, beyond

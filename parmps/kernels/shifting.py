@@ -13,7 +13,8 @@ def move(
     """r += dt v + shift l0 F, tangential at the surface; surface particles move as the surface above them does.
 
     The asymmetry F points away from crowded neighbours, so that shifting along it evens the spacing (Lind
-    2012, Khayyer 2017: along the surface only, where there is one). A surface particle stands half a spacing
+    2012, Khayyer 2017: along the surface only, where there is one); the velocity is interpolated to the shifted
+    place. A surface particle stands half a spacing
     below the surface and goes with the velocity v + (l0/2) dv/dn there; with v alone the surface would lag by
     a relative k l0 / 2 behind a wave of wave number k.
 
@@ -48,15 +49,15 @@ def move(
         sy -= along * ny
         sz -= along * nz
         size = math.sqrt(sx * sx + sy * sy + sz * sz)
-        limit = min(1.0, 0.05 / max(size, 1e-300)) * l0
-        px = dt * velocity[i, 0] + limit * sx
-        py = dt * velocity[i, 1] + limit * sy
-        pz = dt * velocity[i, 2] + limit * sz
+        reach = min(1.0, 0.05 / max(size, 1e-300)) * l0
+        px = dt * velocity[i, 0] + reach * sx
+        py = dt * velocity[i, 1] + reach * sy
+        pz = dt * velocity[i, 2] + reach * sz
+        g = gradient[i]
         if surface[i] != 0:
             qx, qy, qz = lean[i, 0], lean[i, 1], lean[i, 2]
             size = math.sqrt(qx * qx + qy * qy + qz * qz) + 1e-300
             half = 0.5 * l0 * dt * min(size / surface_lean, 1.0) / size
-            g = gradient[i]
             ex = half * (g[0] * qx + g[1] * qy + g[2] * qz)
             ey = half * (g[3] * qx + g[4] * qy + g[5] * qz)
             ez = half * (g[6] * qx + g[7] * qy + g[8] * qz)
@@ -65,6 +66,9 @@ def move(
             px += limit * ex
             py += limit * ey
             pz += limit * ez
+        velocity[i, 0] += reach * (g[0] * sx + g[1] * sy + g[2] * sz)
+        velocity[i, 1] += reach * (g[3] * sx + g[4] * sy + g[5] * sz)
+        velocity[i, 2] += reach * (g[6] * sx + g[7] * sy + g[8] * sz)
         position[i, 0] += px
         position[i, 1] += py
         position[i, 2] += pz
