@@ -282,7 +282,10 @@ def _resolution_warnings(job):
     for number, baffle in enumerate(job.tank.baffles):
         if baffle.thickness < spacing * (1 - TOLERANCE):
             key = f"tank.baffles[{number}].thickness"
-            yield f"{key}: {baffle.thickness:g} m is less than the spacing of {spacing:g} m"
+            yield (
+                f"{key}: {baffle.thickness:g} m is less than the spacing of {spacing:g} m; the baffle is "
+                "modelled one spacing thick"
+            )
     sides = job.tank.size[:-1]
     particles = math.prod(side / spacing for side in sides) * _total_depth(job) / spacing
     if particles > 1e9:

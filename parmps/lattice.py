@@ -273,7 +273,8 @@ def _flat_axis():
 
 
 def _solid(baffle, axes, spacing, wall, lid):
-    half = baffle.thickness / 2
+    # A thinner plate would put the wall particles of its two sides beyond one another.
+    half = max(baffle.thickness, spacing) / 2
     y = axes[1]
     across = (y.low, y.high) if baffle.width is None else baffle.width
     if baffle.vertical:

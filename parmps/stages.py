@@ -205,7 +205,8 @@ def measure_density(sim):
         w.matrix,
     )
     density.mark_surface(w.density, w.asymmetry, sim.lattice.density, 0.9 * sim.lattice.asymmetry, w.surface)
-    w.surface[p.liquid : p.rows] = 0
+    if s.position == "start":  # the papers' wall particles can be in the surface, and then have no pressure
+        w.surface[p.liquid : p.rows] = 0
     sim.domain.exchange(w.asymmetry, w.surface)
     if s.gradient == "corrected":
         density.invert(w.matrix, s.divergence_floor, sim.dimension, w.inverse)
@@ -460,6 +461,7 @@ def pressure_gradient(sim):
             sim.lattice.density,
             sim.dimension,
             s.gradient == "min",
+            s.collision_distance,
             p.liquid,
             p.acceleration,
         )

@@ -6,6 +6,10 @@ from parmps.kernels.compiled import compiled
 from parmps.kernels.weight import weight
 
 
+WEAKEST_WALL = 0.08
+"""Least sum of weights of a wall particle's links: that of a particle in the corner of a 3D tank."""
+
+
 @compiled
 def poisson_rows(
     position,
@@ -136,7 +140,11 @@ def poisson_rows(
         if surface[i] != 0:
             diagonal += max(2.0 * math.sqrt(mx * mx + my * my + mz * mz), n0 - total)
             flux += link_force[i, 0] * mx + link_force[i, 1] * my + link_force[i, 2] * mz
-        if diagonal == 0.0:  # a dry wall particle, or a fluid particle alone
+        if kind[i] != 0:
+            # Weak links come and go with every step; with the diagonal following them down to nothing, the
+            # preconditioner of an earlier step would magnify these rows. A dry wall particle has none.
+            diagonal = max(diagonal, WEAKEST_WALL)
+        elif diagonal == 0.0:  # a fluid particle alone
             diagonal = n0
         if at_diagonal[i] < 0:
             at_diagonal[i] = count
