@@ -4,6 +4,7 @@ The keys, units and meanings of a job file are declared here and nowhere else; :
 them. What involves several keys at once is checked by :mod:`parmps.checks`.
 """
 
+import os
 from functools import reduce
 from operator import or_
 from pathlib import Path
@@ -26,7 +27,7 @@ def _resolved(path, info: ValidationInfo):
         return path
     file = (info.context or {}).get("file")
     base = file.parent if file else Path.cwd()
-    return str(base / path)
+    return os.path.normpath(base / path)
 
 
 InputPath = Annotated[FilePath, BeforeValidator(_resolved)]

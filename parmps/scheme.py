@@ -21,11 +21,12 @@ PRESETS = {
         "position": "moved",
         "surface": "dirichlet",
         "gamma": 0.01,
+        "collision_distance": 0.8,
         "volume_time": None,
     },
-    "fast": {"ksp_rtol": 1e-3, "volume_radius": 2.1},
+    "fast": {"ksp_rtol": 1e-2},
     "balanced": {},
-    "accurate": {"ksp_rtol": 1e-6},
+    "accurate": {"ksp_rtol": 1e-5},
 }
 
 PresetName = Literal["papers", "fast", "balanced", "accurate"]
@@ -123,7 +124,7 @@ class Scheme(Section):
         le=1,
     )
     ksp_rtol: Number = setting(
-        "relative tolerance of the linear solver for the pressure", default=1e-4, ge=1e-14, le=1e-1
+        "relative tolerance of the linear solver for the pressure", default=1e-3, ge=1e-14, le=1e-1
     )
 
 
