@@ -401,8 +401,9 @@ class Simulation:
 
 
 def _layers(scheme):
-    """Wall layers that the radii need: one wall and so many dummies."""
-    return max(3, math.ceil(max(scheme.radius, scheme.laplacian_radius)))
+    """Wall layers that the radii need: one wall and so many dummies, which only ghosts need in the Laplacian."""
+    laplacian = scheme.laplacian_radius if scheme.surface == "ghost" else 0.0
+    return max(3, math.ceil(max(scheme.radius, laplacian)))
 
 
 def _surface_lean(dimension, reach):
