@@ -250,7 +250,7 @@ class Simulation:
     # Time
 
     def choose_step(self, until):
-        """Choose the time step, and learn whether the halo still reaches far enough.
+        """Choose the time step by the present state, and learn whether the halo still reaches far enough.
 
         Parameters
         ----------
@@ -272,6 +272,7 @@ class Simulation:
         speed, moved = np.sqrt(self.domain.max(np.array(largest)))
         if not math.isfinite(speed):
             raise DivergedError(f"a velocity is not finite at t = {self.time:g} s, step {self.step_number}")
+        self.frame = self.motion.at(self.time)
         control, force = self.job.time, np.linalg.norm(self.frame.force)
         bounds = [control.max_step or math.inf]
         if speed > 0.0:
@@ -292,13 +293,10 @@ class Simulation:
 
     def solve(self):
         """Find the pressure at the present time."""
-        self.frame = self.motion.at(self.time)
         self._run(self.plan.solve)
 
     def move(self):
         """Move the liquid to the end of the step."""
-        if not self.plan.solve:
-            self.frame = self.motion.at(self.time)
         self._run(self.plan.move)
         self.time = self._end_of_step
         self.step_number += 1
