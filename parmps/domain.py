@@ -5,6 +5,8 @@ balance or the halo has become worse; which particles the neighbouring ranks nee
 particles may have moved further than the margin of the halo.
 """
 
+import math
+
 import numpy as np
 from mpi4py import MPI
 
@@ -255,8 +257,9 @@ class Domain:
         """
         if self.size == 1:
             return
-        columns = [a.reshape(len(a), -1).view(np.uint8).reshape(len(a), -1) for a in arrays]
-        width = sum(c.shape[1] for c in columns)
+        widths = [a.itemsize * math.prod(a.shape[1:]) for a in arrays]  # of a row: a rank may have none
+        columns = [a.view(np.uint8).reshape(len(a), w) for a, w in zip(arrays, widths, strict=True)]
+        width = sum(widths)
         channel = self._channels.get(width)
         if channel is None:
             channel = self._channels[width] = _Channel(self.comm, self._sends, self._receives, width)

@@ -22,7 +22,10 @@ class InputError(ParmpsError):
 
     def __init__(self, key, message):
         super().__init__(f"{key}: {message}" if key else message)
-        self.key = key
+        self.key, self._message = key, message
+
+    def __reduce__(self):  # to be passed to the other ranks
+        return type(self), (self.key, self._message)
 
 
 class DivergedError(ParmpsError):
@@ -38,4 +41,7 @@ class OutputError(ParmpsError):
 
     def __init__(self, path, reason):
         super().__init__(f"{path}: {reason}")
-        self.path = path
+        self.path, self._reason = path, reason
+
+    def __reduce__(self):  # to be passed to the other ranks
+        return type(self), (self.path, self._reason)

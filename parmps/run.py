@@ -39,16 +39,20 @@ class Schedule:
 
     def due(self, time):
         """Whether something is due at this time, in s."""
-        return time >= self.end or time == round(time / self.every) * self.every
+        return time >= self.end or time == self._multiple(round(time / self.every))
 
     def after(self, time):
         """The next time due after this one, in s; past the end, the run's pace goes on."""
         if time >= self.end:
             return time + self.every
-        number = math.floor(time / self.every) + 1
-        if number * self.every <= time * (1.0 + 1e-12):  # rounding
+        number = math.floor(time / self.every)
+        while self._multiple(number) <= time:
             number += 1
-        return min(number * self.every, self.end)
+        return min(self._multiple(number), self.end)
+
+    def _multiple(self, number):
+        """A multiple of the interval, rounded so that 6 x 0.1 s and 120 x 0.005 s are the same instant."""
+        return float(f"{number * self.every:.12g}")
 
     def count(self):
         """Number of times due in the whole run, the start and the end included."""

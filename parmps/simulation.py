@@ -278,7 +278,7 @@ class Simulation:
     # Time
 
     def choose_step(self, until):
-        """Choose the time step, and learn whether the halo still reaches far enough.
+        """Choose the time step by the present state, and learn whether the halo still reaches far enough.
 
         Parameters
         ----------
@@ -300,6 +300,7 @@ class Simulation:
         speed, moved = np.sqrt(self.domain.max(np.array(largest)))
         if not math.isfinite(speed):
             raise DivergedError(f"a velocity is not finite at t = {self.time:g} s, step {self.step_number}")
+        self.frame = self.motion.at(self.time)
         control, force = self.job.time, np.linalg.norm(self.frame.force)
         bounds = [control.max_step or math.inf]
         if speed > 0.0:
@@ -320,13 +321,10 @@ class Simulation:
 
     def solve(self):
         """Find the pressure at the present time."""
-        self.frame = self.motion.at(self.time)
         self._run(self.plan.solve)
 
     def move(self):
         """Move the liquid to the end of the step."""
-        if not self.plan.solve:
-            self.frame = self.motion.at(self.time)
         self._run(self.plan.move)
         self.time = self._end_of_step
         self.step_number += 1
@@ -427,8 +425,9 @@ class Simulation:
 
 
 def _layers(scheme):
-    """Wall layers that the radii need: one wall and so many dummies."""
-    return max(3, math.ceil(max(scheme.radius, scheme.laplacian_radius)))
+    """Wall layers that the radii need: one wall and so many dummies, which only ghosts need in the Laplacian."""
+    laplacian = scheme.laplacian_radius if scheme.surface == "ghost" else 0.0
+    return max(3, math.ceil(max(scheme.radius, laplacian)))
 
 
 def _surface_lean(dimension, reach):

@@ -205,8 +205,10 @@ def measure_density(sim):
         w.matrix,
     )
     density.mark_surface(w.density, w.asymmetry, sim.lattice.density, 0.9 * sim.lattice.asymmetry, w.surface)
-    if s.position == "start":  # the papers' wall particles can be in the surface, and then have no pressure
+    if s.position == "start":
         w.surface[p.liquid : p.rows] = 0
+    else:  # the papers' wall particles can be in the surface, and then have no pressure
+        density.mark_dry(p.kind, *sim.pairs.lists, p.liquid, p.rows, w.surface)
     sim.domain.exchange(w.asymmetry, w.surface)
     if s.gradient == "corrected":
         density.invert(w.matrix, s.divergence_floor, sim.dimension, w.inverse)

@@ -210,6 +210,30 @@ def mark_surface(density, asymmetry, n0, threshold, surface):
 
 
 @compiled
+def mark_dry(kind, first, other, begin, end, surface):
+    """Count wall particles that no liquid is near to those of the free surface, whose pressure is zero.
+
+    Parameters
+    ----------
+    kind : (n,) int8
+    first, other
+        Neighbour lists.
+    begin, end : int
+        Range of the wall particles.
+    surface : (n,) int8
+        Set to 1 for the dry ones.
+    """
+    for i in range(begin, end):
+        dry = True
+        for k in range(first[i], first[i + 1]):
+            if kind[other[k]] == 0:
+                dry = False
+                break
+        if dry:
+            surface[i] = 1
+
+
+@compiled
 def spread(flag, first, other, rows, out):
     """Mark the particles that are marked or have a marked neighbour.
 

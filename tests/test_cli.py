@@ -1,0 +1,246 @@
+"""The command line: refusals, results on disk, restarts, and ends that are not good."""
+
+import csv
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import yaml
+
+from parmps import checkpoint
+
+ROOT = Path(__file__).parents[1]
+ENVIRONMENT = {
+    **os.environ,
+    "OMP_NUM_THREADS": "1",
+    "OMPI_ALLOW_RUN_AS_ROOT": "1",
+    "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+    "PYTHONPATH": str(ROOT),
+}
+JOB = """
+title: Short
+dimension: 2
+spacing: 0.02
+tank: {size: [0.4, 0.3]}
+fluids: [{name: water, depth: 0.15, kinematic_viscosity: 1.0e-6}]
+motion: [{kind: surge, amplitude: 0.02, omega: 7.0}]
+time: {end: 0.1, max_step: 5.0e-3}
+probes:
+  - {name: P1, kind: pressure, at: [0.0, 0.05]}
+  - {name: eta, kind: elevation, at: [0.02]}
+  - {name: load, kind: force}
+output: {directory: out, particles_every: 0.05, probes_every: 0.01, checkpoint_every: 0.1}
+"""
+
+
+def parmps(directory, *arguments, ranks=1, script=("-m", "parmps")):
+    # one rank starts without mpirun, as a newcomer would do it
+    launch = [] if ranks == 1 else ["mpirun", "--oversubscribe", "-n", str(ranks)]
+    return subprocess.run(
+        [*launch, sys.executable, *script, *map(str, arguments)],
+        cwd=directory, env=ENVIRONMENT, capture_output=True, text=True, timeout=100, stdin=subprocess.DEVNULL,
+    )  # fmt: skip
+
+
+@pytest.fixture
+def job(tmp_path):
+    path = tmp_path / "job.yaml"
+    path.write_text(JOB)
+    return path
+
+
+def check_refused(done, key, before, directory):
+    assert done.returncode == 2, done.stderr
+    errors = [line for line in done.stderr.splitlines() if line.startswith("parmps: error:")]
+    assert len(errors) == 1
+    assert errors[0].startswith(f"parmps: error: {key}: "), errors[0]
+    assert "Traceback" not in done.stderr + done.stdout
+    assert sorted(directory.rglob("*")) == before
+
+
+BAD = {
+    "unknown key": (("spacing: 0.02", "spacing: 0.02\nspacign: 0.02"), "spacign", "did you mean 'spacing'"),
+    "wrong type": (("dimension: 2", "dimension: [2]"), "dimension", "must be"),
+    "negative spacing": (("spacing: 0.02", "spacing: -0.02"), "spacing", "greater than 0"),
+    "text in a number": (("spacing: 0.02", "spacing: two cm"), "spacing", "must be a number"),
+    "baffle outside the tank": (
+        ("size: [0.4, 0.3]", "size: [0.4, 0.3], baffles: [{x: 0.9, bottom: 0, top: 0.1, thickness: 0.02}]"),
+        "tank.baffles[0].x",
+        "0.4",
+    ),
+    "overfull tank": (("depth: 0.15", "depth: 0.35"), "fluids", "0.3"),
+    "missing motion file": (
+        ("{kind: surge, amplitude: 0.02, omega: 7.0}", "{kind: file, path: nowhere.csv}"),
+        "motion[0].path",
+        "nowhere.csv",
+    ),
+    "not yet": (
+        ("{name: water, depth: 0.15, kinematic_viscosity: 1.0e-6}", "{name: a, depth: 0.1}, {name: b, depth: 0.1}"),
+        "fluids",
+        "not yet",
+    ),
+    "no YAML": (("title: Short", "title: [Short"), None, ""),
+}
+
+
+@pytest.mark.parametrize(
+    ("case", "ranks"), [*((name, 1) for name in BAD), ("unknown key", 2), ("missing motion file", 2)]
+)
+def test_bad_input(job, tmp_path, case, ranks):
+    (old, new), key, rule = BAD[case]
+    assert old in JOB
+    job.write_text(JOB.replace(old, new))
+    before = sorted(tmp_path.rglob("*"))
+    done = parmps(tmp_path, job, ranks=ranks)
+    message = done.stderr.split("parmps: error: ")[-1]
+    check_refused(done, key or message.split(": ")[0], before, tmp_path)
+    assert rule in message
+
+
+def test_bad_command_lines(job, tmp_path):
+    before = sorted(tmp_path.rglob("*"))
+    check_refused(parmps(tmp_path, job, "--set", "time.ned=1"), "time.ned", before, tmp_path)
+    check_refused(parmps(tmp_path, job, "--color"), "command line", before, tmp_path)
+    done = parmps(tmp_path, tmp_path / "absent.yaml")
+    assert done.returncode == 2 and "absent.yaml" in done.stderr and "Traceback" not in done.stderr
+
+
+def test_numbers_with_an_exponent_and_no_point_are_numbers(job, tmp_path):
+    job.write_text(JOB.replace("1.0e-6", "1e-6"))
+    done = parmps(tmp_path, job, "--set", "time.end=1e-2")
+    assert done.returncode == 0, done.stderr
+
+
+def read_table(path):
+    with path.open(newline="") as file:
+        names, *rows = csv.reader(file)
+    return names, np.array(rows, float)
+
+
+def last_frame(path):
+    with h5py.File(path) as file:
+        group = file["VTKHDF"]
+        begin = int(group["Steps/PointOffsets"][-1])
+        count = int(group["NumberOfPoints"][-1])
+        rows = slice(begin, begin + count)
+        arrays = {name: values[rows] for name, values in group["PointData"].items()}
+        return float(group["Steps/Values"][-1]), arrays | {"position": group["Points"][rows]}
+
+
+@pytest.mark.parametrize("ranks", [1, 2])
+def test_a_good_run_writes_all_results(job, tmp_path, ranks):
+    done = parmps(tmp_path, job, ranks=ranks)
+    assert done.returncode == 0, done.stderr
+    out = tmp_path / "out"
+    assert {path.name for path in out.iterdir()} == {
+        "probes.csv", "particles.vtkhdf", "checkpoint.h5", "run.json", "run.log",
+    }  # fmt: skip
+    names, rows = read_table(out / "probes.csv")
+    assert names[:3] == ["time [s]", "P1 [Pa]", "eta [m]"]
+    np.testing.assert_allclose(rows[:, 0], np.arange(11) * 0.01, atol=1e-12)
+    assert np.all(np.isfinite(rows))
+    np.testing.assert_allclose(rows[:, 2], 0.15, atol=0.03)
+    record = json.loads((out / "run.json").read_text())
+    expected = {
+        "status", "ranks", "steps", "simulated_seconds", "wall_seconds", "particles", "particles_lost",
+        "stage_seconds", "ksp", "time_step", "volume_drift", "energy_drift", "peak_memory_bytes", "versions",
+    }  # fmt: skip
+    assert expected <= set(record)
+    assert record["status"] == "done" and record["ranks"] == ranks and record["particles_lost"] == 0
+    assert set(record["particles"]) == {"fluid", "wall", "dummy", "total"}
+    assert record["particles"]["total"] == sum(record["particles"][k] for k in ("fluid", "wall", "dummy"))
+    assert set(record["ksp"]) == {"iterations_mean", "iterations_max", "rebuilds"}
+    assert all(set(stage) == {"max", "mean"} for stage in record["stage_seconds"].values())
+    assert record["simulated_seconds"] == 0.1
+    assert 0 < record["time_step"]["min"] <= record["time_step"]["max"] <= 5e-3 * (1 + 1e-9)
+    assert len(record["peak_memory_bytes"]) == ranks
+    assert sum(stage["mean"] for stage in record["stage_seconds"].values()) < record["wall_seconds"]
+    moment, arrays = last_frame(out / "particles.vtkhdf")
+    assert moment == 0.1
+    assert len(arrays["id"]) == record["particles"]["total"]
+    assert set(arrays) >= {"type", "fluid", "velocity", "pressure", "position"}
+    header = checkpoint.read_header(out / "checkpoint.h5")
+    assert header.attributes["counters"]["time"] == 0.1
+    log = (out / "run.log").read_text()
+    assert "plot_probes.py" in log
+    assert "Traceback" not in done.stderr
+
+
+def test_schema_and_help(tmp_path):
+    done = parmps(tmp_path, "schema")
+    assert done.returncode == 0 and "spacing" in done.stdout
+    done = parmps(tmp_path, "--help")
+    assert done.returncode == 0 and "exit status" in done.stdout
+
+
+@pytest.mark.parametrize("ranks", [1, 2])
+def test_restart_continues_bit_by_bit(job, tmp_path, ranks):
+    whole = parmps(tmp_path, job, "--out", "whole", "--set", "time.end=0.2", ranks=ranks)
+    first = parmps(tmp_path, job, "--out", "parts", ranks=ranks)
+    then = parmps(tmp_path, job, "--restart", "parts", "--set", "time.end=0.2", ranks=ranks)
+    assert (whole.returncode, first.returncode, then.returncode) == (0, 0, 0), then.stderr
+    names, rows = read_table(tmp_path / "parts" / "probes.csv")
+    expected_names, expected = read_table(tmp_path / "whole" / "probes.csv")
+    assert names == expected_names
+    np.testing.assert_array_equal(rows, expected)
+    moment, arrays = last_frame(tmp_path / "parts" / "particles.vtkhdf")
+    expected_moment, expected = last_frame(tmp_path / "whole" / "particles.vtkhdf")
+    assert moment == expected_moment == 0.2
+    for name, values in expected.items():
+        np.testing.assert_array_equal(arrays[name], values, err_msg=name)
+    steps = [json.loads((tmp_path / d / "run.json").read_text())["steps"] for d in ("parts", "whole")]
+    assert steps[0] == steps[1]
+
+
+def test_restart_on_another_number_of_ranks(job, tmp_path):
+    job.write_text(yaml.safe_dump(yaml.safe_load(JOB) | {"scheme": {"ksp_rtol": 1e-12}}))
+    assert parmps(tmp_path, job, ranks=2).returncode == 0
+    then = parmps(tmp_path, job, "--restart", "out", "--set", "time.end=0.15", ranks=1)
+    assert then.returncode == 0, then.stderr
+    record = json.loads((tmp_path / "out" / "run.json").read_text())
+    assert record["particles_lost"] == 0 and record["simulated_seconds"] == 0.15
+
+
+def test_a_solver_that_fails_ends_with_status_3_and_a_checkpoint(job, tmp_path):
+    ranks = 2
+    options = ("--set", "scheme.ksp_rtol=1e-14", "-ppe_ksp_max_it", "1")
+    done = parmps(tmp_path, job, *options, ranks=ranks)
+    assert done.returncode == 3, done.stderr
+    errors = [line for line in done.stderr.splitlines() if line.startswith("parmps: error:")]
+    assert len(errors) == 1 and "did not converge" in errors[0] and "max it" in errors[0]
+    assert "Traceback" not in done.stderr
+    header = checkpoint.read_header(tmp_path / "out" / "checkpoint.h5")
+    arrays = checkpoint.read_slabs(tmp_path / "out" / "checkpoint.h5", range(len(header.slabs)))
+    assert np.all(np.isfinite(arrays["position"]))
+    again = parmps(tmp_path, job, "--restart", "out", "--set", "scheme.ksp_rtol=1e-14", ranks=ranks)
+    assert again.returncode == 0, again.stderr
+
+
+FAILING = """
+import pathlib
+import time
+from parmps import cli, simulation
+original = simulation.Simulation.move
+def move(self):
+    if self.step_number == 3 and self.domain.rank == self.domain.size - 1:
+        pathlib.Path("failed").write_text(repr(time.time()))
+        raise RuntimeError("this rank fails")
+    original(self)
+simulation.Simulation.move = move
+cli.main()
+"""
+
+
+def test_an_exception_on_one_rank_ends_all(job, tmp_path):
+    script = tmp_path / "failing.py"
+    script.write_text(FAILING)
+    done = parmps(tmp_path, job, ranks=3, script=(script,))
+    assert done.returncode != 0
+    assert time.time() - float((tmp_path / "failed").read_text()) < 10.0
+    assert "this rank fails" in done.stderr

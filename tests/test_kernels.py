@@ -1,0 +1,638 @@
+"""Lattice constants and every operator against dense sums over all pairs, on regular and random particles."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.sparse import csr_matrix
+from scipy.spatial import cKDTree
+
+from parmps.kernels import density, gradient, poisson, shifting, velocity
+from parmps.kernels.weight import lattice, smooth_weight, weight
+from parmps.loader import parse_job
+from parmps.neighbors import Pairs
+from parmps.particles import FLUID, OUT, WALL, Particles
+from parmps.tank import place
+
+REACH = 2.1
+POST = "{x: 0.08, bottom: 0.0, top: 0.07, thickness: 0.006}"
+
+
+@pytest.mark.parametrize(
+    ("dimension", "reach", "n0", "lam", "neighbours", "flat", "asymmetry"),
+    [
+        (2, 2.1, 4.91598, 1.41561, 12, 0.6718, 0.5648),
+        (2, 3.1, 13.51322, 2.60649, 28, 0.6345, 0.5890),
+        (2, 4.01, 24.67168, 4.08288, 48, 0.6127, 0.6010),
+        (3, 2.1, 11.07935, 1.73741, 32, 0.7219, 0.6324),
+        (3, 4.01, 91.28493, 5.58572, 256, 0.6351, 0.7021),
+    ],
+)
+def test_lattice_constants(dimension, reach, n0, lam, neighbours, flat, asymmetry):
+    sums = lattice(dimension, reach)
+    assert sums.density == pytest.approx(n0, abs=1e-5)
+    assert sums.lam == pytest.approx(lam, abs=1e-5)
+    assert sums.neighbours == neighbours
+    assert sums.surface_density == pytest.approx(flat, abs=6e-5)  # given to four digits
+    assert sums.asymmetry == pytest.approx(asymmetry, abs=6e-5)
+
+
+def kernel(r, reach=REACH):
+    """W of the papers, written down once more."""
+    with np.errstate(divide="ignore"):
+        return np.where(r < reach, reach / (0.85 * r + 0.15 * reach) - 1.0, 0.0)
+
+
+def make_case(dimension, noise, baffles="", wall_pairs=False, full=False, seed=1):
+    """A small tank whose liquid is moved off the lattice, and its neighbours by brute force."""
+    size = (0.16, 0.12) if dimension == 2 else (0.07, 0.06, 0.06)
+    depth = size[-1] if full else 0.08 if dimension == 2 else 0.04
+    job = parse_job(
+        f"dimension: {dimension}\nspacing: 0.01\nfluids: [{{name: water, depth: {depth}}}]\ntime: {{end: 1.0}}\n"
+        f"tank: {{size: {list(size)}, baffles: [{baffles}]}}\n"
+    )
+    placed = place(job, "half")
+    names = ("id", "kind", "fluid", "parent", "position", "normal", "depth")
+    order = np.argsort(placed.kind, kind="stable")
+    p = Particles({name: np.asarray(getattr(placed, name))[order] for name in names})
+    l0 = placed.spacing
+    rng = np.random.default_rng(seed)
+    shake = rng.uniform(-noise, noise, (p.liquid, 3)) * l0
+    if dimension == 2:
+        shake[:, 1] = 0.0
+    p.position[: p.liquid] += shake
+    solids = placed.geometry.boxes
+    pairs = Pairs(REACH * l0, solids, wall_pairs=wall_pairs)
+    pairs.find(p)
+    d = (p.position[None, :, :] - p.position[: p.rows, None, :]) / l0
+    r = np.linalg.norm(d, axis=2)
+    r[np.arange(p.rows), np.arange(p.rows)] = np.inf
+    first, other = pairs.lists
+    listed = np.zeros(r.shape, bool)
+    listed[np.repeat(np.arange(p.rows), np.diff(first)), other[: first[-1]]] = True
+    vector = rng.normal(size=(len(p), 3))
+    if dimension == 2:
+        vector[:, 1] = 0.0
+    return SimpleNamespace(
+        p=p, l0=l0, d=d, r=r, solids=solids, lists=pairs.lists, listed=listed, dimension=dimension, rng=rng,
+        lat=lattice(dimension, REACH), rows=p.rows, w=np.where(listed, kernel(r), 0.0), vector=vector,
+        scalar=rng.normal(size=len(p)), surface=(rng.random(len(p)) < 0.2).astype(np.int8) * (p.kind == FLUID),
+    )  # fmt: skip
+
+
+CASES = [(2, 0.0), (2, 0.25), (3, 0.0), (3, 0.25)]
+on_all = pytest.mark.parametrize(("dimension", "noise"), CASES)
+
+
+def moments_of(c):
+    out = SimpleNamespace(
+        density=np.zeros(c.rows), asymmetry=np.zeros((len(c.p), 3)), lean=np.zeros((c.rows, 3)),
+        matrix=np.zeros((c.rows, 6)),
+    )  # fmt: skip
+    density.moments(
+        c.p.position, c.p.kind, *c.lists, c.l0, REACH, c.lat.density, c.dimension,
+        out.density, out.asymmetry, out.lean, out.matrix,
+    )  # fmt: skip
+    return out
+
+
+def full_matrix(six):
+    """Symmetric matrices of their six entries."""
+    return six[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
+
+
+def six_of(matrix):
+    return np.ascontiguousarray(matrix.reshape(-1, 9)[:, [0, 1, 2, 4, 5, 8]])
+
+
+# Neighbours
+
+
+@pytest.mark.parametrize("wall_pairs", [False, True])
+@on_all
+def test_neighbours_without_baffles(dimension, noise, wall_pairs):
+    c = make_case(dimension, noise, wall_pairs=wall_pairs)
+    kind, normal = c.p.kind, c.p.normal
+    mine = kind[: c.rows, None]
+    seen_wall = np.einsum("ijk,jk->ij", c.d, normal) < 0.0
+    from_wall = np.einsum("ijk,ik->ij", c.d, normal[: c.rows]) > 0.0
+    sees = np.where(mine == FLUID, (kind == FLUID) | seen_wall, np.where(kind == FLUID, from_wall, wall_pairs))
+    np.testing.assert_array_equal(c.listed, (c.r < REACH) & sees)
+    first, other = c.lists
+    for i in range(c.rows):
+        assert np.all(np.diff(other[first[i] : first[i + 1]]) > 0)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_neighbours_of_a_cloud_are_those_of_a_tree(dimension):
+    rng = np.random.default_rng(5)
+    position = rng.random((2000, 3)) * [3.0, 0.0 if dimension == 2 else 1.0, 1.0]
+    position[0] *= 50.0  # spray far away
+    kind = np.zeros(2000, np.int8)
+    kind[17] = OUT
+    p = Particles({"id": np.arange(2000), "kind": kind, "position": position})
+    pairs = Pairs(0.1, np.empty((0, 2, 3)))
+    pairs.find(p)
+    first, other = pairs.lists
+    tree = cKDTree(position)
+    for i, expected in enumerate(tree.query_ball_point(position, 0.1)):
+        expected = [] if i == 17 else sorted(set(expected) - {i, 17})
+        assert other[first[i] : first[i + 1]].tolist() == expected
+
+
+def test_a_particle_that_left_is_nobody_s_neighbour_next_to_a_wall():
+    c = make_case(2, 0.1)
+    gone = int(np.argmin(c.p.position[: c.p.liquid, 0]))
+    c.p.kind[gone] = OUT
+    pairs = Pairs(REACH * c.l0, c.solids)
+    pairs.find(c.p)
+    first, other = pairs.lists
+    assert first[gone] == first[gone + 1]
+    assert gone not in other[: first[-1]]
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.2])
+def test_no_neighbours_through_a_baffle(noise):
+    c = make_case(2, noise, POST)
+    fluid, reach = slice(0, c.p.liquid), 4.01  # the walls of the baffle keep the two sides 3 spacings apart
+    pairs = Pairs(reach * c.l0, c.solids)
+    pairs.find(c.p)
+    first, other = pairs.lists
+    listed = np.zeros(c.r.shape, bool)
+    listed[np.repeat(np.arange(c.rows), np.diff(first)), other[: first[-1]]] = True
+    a, b = np.nonzero(np.triu(c.r[fluid, fluid] < reach))
+    share = np.linspace(0.0, 1.0, 301)[:, None, None]
+    points = (1.0 - share) * c.p.position[a] + share * c.p.position[b]
+    low, high = c.solids[0][:, [0, 2]]
+
+    def inside(margin):
+        at = points[:, :, [0, 2]]
+        return np.any(np.all((at > low - margin) & (at < high + margin), axis=2), axis=0)
+
+    seen = listed[a, b]
+    assert np.array_equal(seen, listed[b, a])
+    assert not np.any(seen & inside(-1e-3 * c.l0))
+    assert np.all(seen | inside(2e-2 * c.l0))
+    assert np.any(~seen)
+
+
+# Density and moments
+
+
+@on_all
+def test_moments(dimension, noise):
+    c = make_case(dimension, noise)
+    got = moments_of(c)
+    scale = c.dimension / c.lat.density
+    np.testing.assert_allclose(got.density, c.w.sum(axis=1), rtol=1e-12)
+    np.testing.assert_allclose(
+        got.asymmetry[: c.rows], -scale * np.einsum("ij,ijk->ik", c.w / c.r, c.d), atol=1e-12
+    )
+    w = np.where(c.p.kind == 2, 0.0, c.w)
+    np.testing.assert_allclose(got.lean, -np.einsum("ij,ijk->ik", w / c.r**2, c.d), atol=1e-12)
+    reference = scale * np.einsum("ij,ijk,ijl->ikl", w / c.r**2, c.d, c.d)
+    np.testing.assert_allclose(full_matrix(got.matrix), reference, atol=1e-12)
+    if noise == 0.0:
+        # dummies have no part in the moments: two rows from the walls they are those of the lattice
+        away = np.flatnonzero((got.density > c.lat.density - 1e-9) & ~(c.listed & (c.p.kind == 2)).any(axis=1))
+        assert len(away)
+        np.testing.assert_allclose(got.matrix[away][:, [0, 5]], 1.0, rtol=1e-9)
+
+
+@on_all
+@pytest.mark.parametrize("floor", [0.4, 0.6])
+def test_invert_with_eigenvalue_floor(dimension, noise, floor):
+    c = make_case(dimension, noise)
+    matrix = moments_of(c).matrix
+    random = c.rng.normal(size=(300, 3, 3))
+    if dimension == 2:
+        random[:, 1] = 0.0
+    random = random @ random.transpose(0, 2, 1)
+    matrix = np.concatenate([matrix, six_of(random), np.zeros((1, 6))])
+    inverse = np.zeros_like(matrix)
+    density.invert(matrix, floor, dimension, inverse)
+    dense = full_matrix(matrix).copy()
+    if dimension == 2:
+        dense[:, 1, 1] = 1.0
+    values, vectors = np.linalg.eigh(dense)
+    reference = np.einsum("nij,nj,nkj->nik", vectors, 1.0 / np.maximum(values, floor), vectors)
+    assert np.any(values < floor) and np.any(values[:, 0] > floor)
+    np.testing.assert_allclose(full_matrix(inverse), reference, atol=1e-9)
+    density.invert(matrix, floor, dimension, matrix)
+    np.testing.assert_array_equal(matrix, inverse)
+
+
+@on_all
+def test_missing_moment(dimension, noise):
+    c = make_case(dimension, noise)
+    m = moments_of(c)
+    out = np.zeros_like(m.matrix)
+    gradient.add_missing_moment(m.matrix, c.surface, m.lean, c.lat.density, dimension, out)
+    size = np.linalg.norm(m.lean, axis=1)
+    factor = np.where(c.surface[: c.rows] != 0, dimension / (c.lat.density * np.maximum(size, 1e-300)), 0.0)
+    extra = factor[:, None, None] * m.lean[:, :, None] * m.lean[:, None, :]
+    np.testing.assert_allclose(full_matrix(out), full_matrix(m.matrix) + extra, atol=1e-12)
+
+
+@on_all
+def test_smooth_density(dimension, noise):
+    c = make_case(dimension, noise)
+    out = np.zeros(c.p.liquid)
+    density.smooth_density(c.p.position, *c.lists, c.l0, 2.0, c.p.liquid, out)
+    q = np.minimum(c.r[: c.p.liquid] / 2.0, 1.0)
+    bell = np.where(c.listed[: c.p.liquid], (1.0 - q) ** 4 * (1.0 + 4.0 * q), 0.0)
+    np.testing.assert_allclose(out, 1.0 + bell.sum(axis=1), rtol=1e-12)
+    assert smooth_weight(2.0, 2.0) == 0.0
+    assert weight.py_func(2.0, 2.0) == pytest.approx(0.0, abs=1e-15)
+
+
+def test_surface_window():
+    n0, threshold = 4.0, 0.5
+    n = n0 * np.array([0.79, 0.81, 0.81, 0.96, 0.96, 0.98])
+    f = np.zeros((6, 3))
+    f[:, 2] = [0.0, 0.49, 0.51, 0.49, 0.51, 0.9]
+    surface = np.zeros(6, np.int8)
+    density.mark_surface(n, f, n0, threshold, surface)
+    assert surface.tolist() == [1, 0, 1, 0, 1, 0]
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_the_surface_of_liquid_at_rest_is_its_top_row(dimension):
+    c = make_case(dimension, 0.0)
+    m = moments_of(c)
+    surface = np.zeros(len(c.p), np.int8)
+    density.mark_surface(m.density, m.asymmetry, c.lat.density, 0.9 * c.lat.asymmetry, surface)
+    z = c.p.position[: c.p.liquid, 2]
+    plan = c.p.position[: c.p.liquid, : dimension - 1]
+    at_wall = (plan < c.l0) | (plan > plan.max(axis=0) - 0.5 * c.l0)
+    corner = at_wall.all(axis=1) & (dimension == 3)  # walls on two sides hold |F| below the papers' threshold
+    expected = (z > z.max() - 0.5 * c.l0) & ~corner
+    np.testing.assert_array_equal((surface[: c.p.liquid] != 0) & ~corner, expected)
+    normal = np.zeros((c.p.liquid, 3))
+    surface[c.p.liquid :] = 0
+    density.surface_normals(
+        c.p.position, c.p.kind, m.asymmetry, surface, *c.lists, c.l0, REACH, c.p.liquid, normal
+    )
+    middle = np.linalg.norm(c.p.position[: c.p.liquid, :2] - c.p.position[: c.p.liquid, :2].mean(axis=0), axis=1)
+    top = (middle < 1.2 * c.l0) & (surface[: c.p.liquid] != 0)
+    np.testing.assert_allclose(normal[top], np.tile([0.0, 0.0, 1.0], (top.sum(), 1)), atol=5e-3)
+    assert not normal[z < z.max() - 2.5 * c.l0].any()
+
+
+@on_all
+def test_spread(dimension, noise):
+    c = make_case(dimension, noise)
+    out = np.zeros(len(c.p), np.int8)
+    density.spread(c.surface, *c.lists, c.rows, out)
+    expected = (c.surface[: c.rows] != 0) | (c.listed & (c.surface != 0)).any(axis=1)
+    np.testing.assert_array_equal(out[: c.rows] != 0, expected)
+
+
+# Gradients
+
+
+@on_all
+def test_corrected_gradient(dimension, noise):
+    c = make_case(dimension, noise)
+    m = moments_of(c)
+    inverse = np.zeros_like(m.matrix)
+    density.invert(m.matrix, 0.6, dimension, inverse)
+    out = np.zeros((len(c.p), 3))
+    gradient.corrected_gradient(
+        c.p.position, c.scalar, c.p.kind, c.surface, m.lean, *c.lists, inverse, c.l0, REACH, c.lat.density,
+        dimension, c.rows, out,
+    )  # fmt: skip
+    pressure = np.where(c.surface != 0, np.maximum(c.scalar, 0.0), c.scalar)
+    w = np.where(c.p.kind == 2, 0.0, c.w) / c.r**2
+    jump = pressure[None, :] - pressure[: c.rows, None]
+    total = np.einsum("ij,ijk->ik", w * jump, c.d)
+    total -= np.where(c.surface[: c.rows] != 0, 2.0 * pressure[: c.rows], 0.0)[:, None] * m.lean
+    reference = dimension / (c.lat.density * c.l0) * np.einsum("nij,nj->ni", full_matrix(inverse), total)
+    np.testing.assert_allclose(out[: c.rows], reference, atol=1e-9 * np.abs(reference).max())
+
+
+@on_all
+def test_gradients_are_exact_for_linear_fields(dimension, noise):
+    c = make_case(dimension, noise)
+    m = moments_of(c)
+    inverse = np.zeros_like(m.matrix)
+    density.invert(m.matrix, 1e-12, dimension, inverse)
+    slope = np.array([300.0, 0.0 if dimension == 2 else -200.0, -9800.0])
+    none = np.zeros(len(c.p), np.int8)
+    out = np.zeros((len(c.p), 3))
+    liquid = c.p.liquid
+    gradient.corrected_gradient(
+        c.p.position, c.p.position @ slope + 7.0, c.p.kind, none, m.lean, *c.lists, inverse, c.l0, REACH,
+        c.lat.density, dimension, liquid, out,
+    )  # fmt: skip
+    np.testing.assert_allclose(out[:liquid], np.tile(slope, (liquid, 1)), atol=1e-8 * 9800)
+    tensor = c.rng.normal(size=(3, 3))
+    if dimension == 2:
+        tensor[1] = tensor[:, 1] = 0.0
+    grad = np.zeros((len(c.p), 9))
+    field = c.p.position @ tensor.T + [0.3, 0.0, -0.1]
+    velocity.velocity_gradient(
+        c.p.position, field, c.p.kind, *c.lists, inverse, c.l0, REACH, c.lat.density, dimension, liquid, grad
+    )
+    np.testing.assert_allclose(grad[:liquid], np.tile(tensor.ravel(), (liquid, 1)), atol=1e-9)
+
+
+@on_all
+def test_velocity_gradient(dimension, noise):
+    c = make_case(dimension, noise)
+    m = moments_of(c)
+    inverse = np.zeros_like(m.matrix)
+    density.invert(m.matrix, 0.4, dimension, inverse)
+    out = np.zeros((len(c.p), 9))
+    velocity.velocity_gradient(
+        c.p.position, c.vector, c.p.kind, *c.lists, inverse, c.l0, REACH, c.lat.density, dimension, c.rows, out
+    )
+    w = np.where(c.p.kind == 2, 0.0, c.w) / c.r**2
+    jump = c.vector[None, :, :] - c.vector[: c.rows, None, :]
+    reference = np.einsum("ij,ija,ijc,icb->iab", w, jump, c.d, full_matrix(inverse), optimize=True)
+    reference *= dimension / (c.lat.density * c.l0)
+    np.testing.assert_allclose(out[: c.rows].reshape(-1, 3, 3), reference, atol=1e-9 * np.abs(reference).max())
+
+
+@pytest.mark.parametrize("minimum", [False, True])
+@on_all
+def test_paper_gradient(dimension, noise, minimum):
+    c = make_case(dimension, noise, wall_pairs=True)
+    out = np.zeros((len(c.p), 3))
+    gradient.paper_gradient(
+        c.p.position, c.scalar, *c.lists, c.l0, REACH, c.lat.density, dimension, minimum, c.rows, out
+    )
+    mine = c.scalar[: c.rows]
+    least = np.minimum(np.where(c.listed, c.scalar[None, :], np.inf).min(axis=1), mine)
+    offset = -least if minimum else mine
+    total = c.scalar[None, :] + offset[:, None]
+    reference = dimension / (c.lat.density * c.l0) * np.einsum("ij,ijk->ik", c.w / c.r**2 * total, c.d)
+    np.testing.assert_allclose(out[: c.rows], reference, atol=1e-9 * np.abs(reference).max())
+
+
+@on_all
+def test_residual_damping(dimension, noise):
+    c = make_case(dimension, noise)
+    n, base, slope = c.p.liquid, 0.05, 0.3
+    grad = c.rng.normal(size=(len(c.p), 9))
+    out = np.zeros((c.rows, 3))
+
+    def damp(field, gradients):
+        gradient.residual_damping(
+            c.p.position, field, c.p.kind, gradients, *c.lists, c.l0, REACH, c.lat.density, base, slope, n, out
+        )
+        return out[:n].copy()
+
+    got = damp(c.vector, grad)
+    g = grad[:n].reshape(-1, 3, 3)
+    link = c.d[:n, :n] * c.l0
+    bracket = c.vector[None, :n] - c.vector[:n, None]
+    bracket -= 0.5 * np.einsum("ijab,ijb->ija", g[:, None] + g[None, :], link)
+    strength = np.minimum(base + slope * np.linalg.norm(bracket, axis=2), 0.3)
+    reference = np.einsum("ij,ija->ia", strength * c.w[:n, :n], bracket) / c.lat.density
+    np.testing.assert_allclose(got, reference, atol=1e-12 * np.abs(reference).max())
+    np.testing.assert_allclose(got.sum(axis=0), 0.0, atol=1e-11 * np.abs(got).sum())
+    tensor = c.rng.normal(size=(3, 3))
+    got = damp(c.p.position @ tensor.T, np.tile(tensor.ravel(), (len(c.p), 1)))
+    np.testing.assert_allclose(got, 0.0, atol=1e-14)
+
+
+# Velocities
+
+
+@on_all
+def test_viscosity(dimension, noise):
+    c = make_case(dimension, noise)
+    n, nu, dt, before = c.p.liquid, 1e-3, 2e-3, c.rng.normal(size=(len(c.p), 3))
+    out = before.copy()
+    velocity.add_viscosity(
+        c.p.position, c.vector, c.p.kind, c.p.normal, c.p.depth, nu, *c.lists, c.l0, REACH, c.lat.density,
+        c.lat.lam, dimension, dt, n, out,
+    )  # fmt: skip
+    w = np.where(c.p.kind == 2, 0.0, c.w)[:n]
+    wall = c.p.kind == WALL
+    below = c.p.depth / c.l0
+    height = -np.einsum("ijk,jk->ij", c.d[:n], c.p.normal) - below
+    ghost = -np.minimum(below / np.maximum(height, 1e-3), 1.5)[:, :, None] * c.vector[:n, None, :]
+    there = np.where(wall[None, :, None], ghost, c.vector[None, :, :])
+    laplacian = np.einsum("ij,ijk->ik", w, there - c.vector[:n, None, :])
+    laplacian *= 2.0 * dimension / (c.lat.density * c.lat.lam * c.l0**2)
+    np.testing.assert_allclose(out[:n], before[:n] + dt * nu * laplacian, rtol=1e-10, atol=1e-12)
+    np.testing.assert_array_equal(out[n:], before[n:])
+
+
+@on_all
+def test_reflection_at_walls(dimension, noise):
+    c = make_case(dimension, noise)
+    out = c.vector.copy()
+    velocity.reflect_at_walls(
+        c.p.position, c.vector, c.p.kind, c.p.normal, c.p.depth, *c.lists, c.l0, REACH, c.p.liquid, c.rows, out
+    )
+    for i in range(c.p.liquid, c.rows):
+        w = np.where(c.p.kind == FLUID, c.w[i], 0.0)
+        if not w.any():
+            assert not out[i].any()
+            continue
+        normal, below = c.p.normal[i], c.p.depth[i] / c.l0
+        mean = w @ c.vector / w.sum()
+        height = w @ (c.d[i] @ normal) / w.sum() - below
+        ratio = min(below / max(height, 1e-3), 1.5)
+        across = mean @ normal
+        np.testing.assert_allclose(out[i], mean - across * normal - ratio * across * normal, atol=1e-12)
+
+
+@on_all
+def test_contacts(dimension, noise):
+    c = make_case(dimension, noise)
+    n, least = c.p.liquid, 1.05
+    out = np.zeros((len(c.p), 3))
+    count = velocity.add_contacts(c.p.position, c.vector, c.p.kind, *c.lists, least * c.l0, n, out)
+    d, r = c.d[:n, :n], c.r[:n, :n]
+    closing = np.einsum("ijk,ijk->ij", c.vector[None, :n] - c.vector[:n, None], d)
+    hit = c.listed[:n, :n] & (r < least) & (closing < 0.0)
+    assert count == hit.sum() > 0
+    np.testing.assert_allclose(
+        out[:n], np.einsum("ij,ijk->ik", np.where(hit, 0.5 * closing / r**2, 0.0), d), atol=1e-12
+    )
+    np.testing.assert_allclose(out.sum(axis=0), 0.0, atol=1e-10)
+
+
+def test_body_force_of_a_turning_tank():
+    rng = np.random.default_rng(3)
+    r, v = rng.normal(size=(2, 20, 3))
+    force, alpha, omega = rng.normal(size=(3, 3))
+    kind = np.zeros(20, np.int8)
+    kind[-1] = WALL
+    out = np.zeros((20, 3))
+    velocity.body_force(r, v, kind, force, alpha, omega, out)
+    expected = force - np.cross(alpha, r) - np.cross(omega, np.cross(omega, r)) - 2.0 * np.cross(omega, v)
+    expected[-1] = 0.0
+    np.testing.assert_allclose(out, expected, atol=1e-13)
+
+
+def test_predicted_acceleration_keeps_its_distance_from_the_body_force():
+    rng = np.random.default_rng(4)
+    last, force = rng.normal(size=(2, 50, 3))
+    out = np.zeros((50, 3))
+    velocity.predict_acceleration(last, force, 1.0, out)
+    away = last - force
+    size = np.linalg.norm(away, axis=1)
+    np.testing.assert_allclose(out, force + away * np.minimum(1.0, 1.0 / size)[:, None], atol=1e-14)
+    velocity.predict_acceleration(last, force, 0.0, out)
+    np.testing.assert_array_equal(out, force)
+
+
+# Pressure equation
+
+
+def assemble(c, surface, link, wall, source, ghost, share=0.5):
+    rows, entries = c.rows, len(c.lists[1]) + c.rows
+    column = np.full(len(c.p), -1, np.int32)
+    column[:rows] = np.arange(rows)
+    first, halo_first = np.zeros((2, rows + 1), np.int32)
+    columns, halo_columns = np.zeros((2, entries), np.int32)
+    values, halo_values = np.zeros((2, entries))
+    at, rhs = np.zeros(rows, np.int32), np.zeros(rows)
+    poisson.poisson_rows(
+        c.p.position, c.p.kind, surface, link, wall, source, column, *c.lists, c.l0, REACH, c.lat.density,
+        c.lat.lam, c.dimension, 1000.0, share, ghost, first, columns, values, halo_first, halo_columns,
+        halo_values, at, rhs,
+    )  # fmt: skip
+    assert halo_first[-1] == 0
+    for i in range(rows):
+        assert np.all(np.diff(columns[first[i] : first[i + 1]]) > 0)
+    np.testing.assert_array_equal(columns[at], np.arange(rows))
+    count = first[-1]
+    return csr_matrix((values[:count], columns[:count], first), shape=(rows, rows)).toarray(), rhs
+
+
+@pytest.mark.parametrize("ghost", [True, False])
+@on_all
+def test_poisson_rows(dimension, noise, ghost):
+    c = make_case(dimension, noise)
+    rows, n, share = c.rows, c.p.liquid, 0.5
+    wall_force = c.rng.normal(size=(len(c.p), 3))
+    source = c.rng.normal(size=rows)
+    got, rhs = assemble(c, c.surface, c.vector, wall_force, source, ghost, share)
+    scale = 2.0 * dimension / (c.lat.density * c.lat.lam * c.l0**2)
+    matrix, right = np.zeros((rows, rows)), np.zeros(rows)
+    for i in range(rows):
+        if c.surface[i] and not ghost:
+            matrix[i, i] = scale * c.lat.density
+            continue
+        flux = 0.0
+        for j in np.flatnonzero(c.listed[i, :rows]):
+            liquid = i < n and j < n
+            w = c.w[i, j] * (1.0 if liquid else share)
+            f = 0.5 * (c.vector[i] + c.vector[j]) if liquid else wall_force[min(i, j)]
+            matrix[i, i] += scale * w
+            flux += w * f @ c.d[i, j]
+            if ghost or not c.surface[j]:
+                matrix[i, j] -= scale * w
+        if c.surface[i]:
+            missing = -c.w[i] @ np.where(np.isfinite(c.r[i])[:, None], c.d[i], 0.0)
+            extra = max(2.0 * np.linalg.norm(missing), c.lat.density - c.w[i].sum())
+            matrix[i, i] += scale * extra
+            flux += c.vector[i] @ missing
+        if matrix[i, i] == 0.0:
+            matrix[i, i] = scale * c.lat.density
+        right[i] = -1000.0 * (source[i] + scale * c.l0 * flux)
+    np.testing.assert_allclose(got, matrix, atol=1e-10 * matrix.max())
+    np.testing.assert_allclose(rhs, right, atol=1e-10 * np.abs(right).max())
+    np.testing.assert_allclose(got, got.T, atol=1e-12 * got.max())
+    assert np.linalg.eigvalsh(got)[0] > 0.0
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_hydrostatic_pressure_solves_the_equation_of_a_full_tank_of_disordered_particles(dimension):
+    c = make_case(dimension, 0.3, full=True)
+    force = np.array([1.3, 0.0 if dimension == 2 else -0.4, -9.8])
+    everywhere = np.tile(force, (len(c.p), 1))
+    none = np.zeros(len(c.p), np.int8)
+    matrix, rhs = assemble(c, none, everywhere, everywhere, np.zeros(c.rows), True)
+    exact = 1000.0 * c.p.position[: c.rows] @ force
+    residual = matrix @ exact - rhs
+    wet = np.array([matrix[i].astype(bool).sum() > 1 for i in range(c.rows)])
+    np.testing.assert_allclose(residual[wet], 0.0, atol=1e-9 * np.abs(rhs).max())
+    solved = np.linalg.lstsq(matrix[np.ix_(wet, wet)], rhs[wet], rcond=1e-10)[0]
+    error = solved - exact[wet]
+    np.testing.assert_allclose(error, error.mean(), atol=1e-6 * np.ptp(exact))
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_hydrostatic_pressure_solves_the_equation_below_a_flat_surface(dimension):
+    """Disordered below, where the equation is exact; the row of the surface is even, and away from the walls."""
+    c = make_case(dimension, 0.0)
+    top = c.p.position[: c.p.liquid, 2].max()
+    deep = c.p.position[: c.p.liquid, 2] < top - 2.5 * c.l0
+    shake = c.rng.uniform(-0.3, 0.3, (c.p.liquid, 3)) * c.l0 * deep[:, None]
+    shake[:, 1] *= dimension == 3
+    c.p.position[: c.p.liquid] += shake
+    pairs = Pairs(REACH * c.l0, c.solids)
+    pairs.find(c.p)
+    c.lists = pairs.lists
+    surface = np.zeros(len(c.p), np.int8)
+    surface[: c.p.liquid] = c.p.position[: c.p.liquid, 2] > top - 0.5 * c.l0
+    everywhere = np.tile([0.0, 0.0, -9.8], (len(c.p), 1))
+    matrix, rhs = assemble(c, surface, everywhere, everywhere, np.zeros(c.rows), True)
+    exact = 9800.0 * (top + 0.5 * c.l0 - c.p.position[: c.rows, 2])
+    residual = np.abs(matrix @ exact - rhs) / np.abs(rhs).max()
+    wet = np.count_nonzero(matrix, axis=1) > 1
+    plan = c.p.position[: c.rows, : dimension - 1]
+    inner = np.all((plan > 2.1 * c.l0) & (plan < plan.max(axis=0) - 2.6 * c.l0), axis=1)
+    flat = (surface[: c.rows] != 0) & inner
+    assert flat.any()
+    assert residual[wet & (surface[: c.rows] == 0)].max() < 1e-12
+    assert residual[flat].max() < 1e-12
+
+
+# Moving
+
+
+@on_all
+def test_move_without_shifting_or_surface_follows_the_velocity(dimension, noise):
+    c = make_case(dimension, noise)
+    n, dt = c.p.liquid, 1e-3
+    before = c.p.position.copy()
+    none = np.zeros(len(c.p), np.int8)
+    m = moments_of(c)
+    shifting.move(
+        c.p.position, c.vector, c.p.kind, m.asymmetry, none, np.zeros((n, 3)), m.lean, np.zeros((len(c.p), 9)),
+        c.l0, 1.0, 0.0, dt, n,
+    )  # fmt: skip
+    np.testing.assert_allclose(c.p.position[:n], before[:n] + dt * c.vector[:n], atol=1e-15)
+    np.testing.assert_array_equal(c.p.position[n:], before[n:])
+
+
+@on_all
+def test_shifting_evens_the_spacing_and_carries_the_velocity_along(dimension, noise):
+    c = make_case(dimension, noise)
+    n, shift = c.p.liquid, 0.1
+    m = moments_of(c)
+    tensor = c.rng.normal(size=(3, 3))
+    speed = c.p.position @ tensor.T
+    before = c.p.position.copy()
+    none = np.zeros(len(c.p), np.int8)
+    normal = np.tile([0.0, 0.0, 1.0], (n, 1)) * (np.arange(n) % 2)[:, None]
+    shifting.move(
+        c.p.position, speed, c.p.kind, m.asymmetry, none, normal, m.lean,
+        np.tile(tensor.ravel(), (len(c.p), 1)), c.l0, 1.0, shift, 0.0, n,
+    )  # fmt: skip
+    step = shift * c.l0 * m.asymmetry[:n]
+    step -= np.sum(step * normal, axis=1)[:, None] * normal
+    size = np.linalg.norm(step, axis=1)
+    step *= np.minimum(1.0, 0.05 * c.l0 / np.maximum(size, 1e-300))[:, None]
+    np.testing.assert_allclose(c.p.position[:n] - before[:n], step, atol=1e-14)
+    np.testing.assert_allclose(speed[:n], c.p.position[:n] @ tensor.T, atol=1e-14)
+
+
+def test_particles_are_put_back_from_walls_and_lose_the_speed_towards_them():
+    container = np.array([[0.0, -np.inf, 0.0], [1.0, np.inf, 0.5]])
+    position = np.array([[-0.02, 0.0, 0.3], [0.5, 0.0, 0.51], [1.01, 0.0, -0.01], [0.5, 0.0, 0.25]])
+    speed = np.array([[-1.0, 0.0, 2.0], [1.0, 0.0, -3.0], [1.0, 0.0, -1.0], [5.0, 0.0, 5.0]])
+    count = shifting.keep_off_walls(
+        position, speed, np.zeros(4, np.int8), container, np.empty((0, 2, 3)), False, 0.01, 4
+    )
+    assert count >= 4
+    np.testing.assert_allclose(position[:, [0, 2]], [[0.01, 0.3], [0.5, 0.49], [0.99, 0.01], [0.5, 0.25]], atol=1e-12)
+    np.testing.assert_allclose(speed[:, [0, 2]], [[0, 2], [1, -3], [0, 0], [5, 5]], atol=1e-12)

@@ -1,0 +1,236 @@
+"""Whole simulations with known answers: rest, full tanks, free fall, a standing wave, turned and turning tanks."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from parmps.domain import Domain
+from parmps.loader import load_job, parse_job
+from parmps.particles import FLUID, WALL
+from parmps.simulation import Simulation
+
+RHO, G = 1000.0, 9.8
+SLOSHING = Path(__file__).parents[1] / "jobs" / "sloshing.yaml"
+FULL = """
+dimension: 2
+spacing: 0.01
+tank: {size: [0.3, 0.2]}
+fluids: [{name: water, depth: 0.2}]
+time: {end: 10.0, max_step: 2.0e-3}
+scheme: {ksp_rtol: 1.0e-8}
+"""
+
+
+@pytest.fixture
+def start():
+    """Start simulations, and free their solvers afterwards."""
+    begun = []
+
+    def begin(text, *overrides):
+        job = load_job(text, overrides) if isinstance(text, Path) else parse_job(text, overrides)
+        begun.append(Simulation(job, Domain()))
+        return begun[-1]
+
+    yield begin
+    for sim in begun:
+        sim.solver.close()
+
+
+def march(sim, until):
+    """Step to a time exactly, and find the pressure there."""
+    while sim.time < until:
+        sim.step(until)
+    sim.choose_step(until + 1.0)
+    sim.solve()
+
+
+def check_rest(sim, depth, pressure_error, speed):
+    p = sim.particles
+    liquid = slice(0, p.liquid)
+    error = p.pressure[liquid] - RHO * G * (depth - p.position[liquid, 2])
+    assert np.sqrt(np.mean(error**2)) < pressure_error * RHO * G * depth
+    rms = np.sqrt(np.mean(np.sum(p.velocity[liquid] ** 2, axis=1)))
+    assert rms < speed * np.sqrt(G * depth)
+    assert sim.put_back == 0
+
+
+def test_water_at_rest_in_two_dimensions(start):
+    sim = start(
+        "dimension: 2\nspacing: 0.01\ntank: {size: [0.25, 0.2]}\nfluids: [{name: water, depth: 0.15}]\n"
+        "time: {end: 1.0, cfl: 0.4}\n"
+    )
+    march(sim, 0.5)
+    check_rest(sim, 0.15, 3e-3, 1e-3)
+    assert abs(sim.volume_drift()) < 1e-3
+
+
+def test_water_at_rest_in_three_dimensions(start):
+    sim = start(
+        "dimension: 3\nspacing: 0.01\ntank: {size: [0.1, 0.08, 0.1]}\nfluids: [{name: water, depth: 0.06}]\n"
+        "time: {end: 1.0}\n"
+    )
+    for _ in range(10):
+        sim.step(1.0)
+    check_rest(sim, 0.06, 1e-2, 3e-3)
+
+
+def pressure_beyond(sim, force):
+    """Pressure of liquid and wet walls less that of a uniform force, its mean taken off."""
+    p = sim.particles
+    wet = np.flatnonzero(p.kind[: p.liquid] == FLUID)
+    rest = p.pressure[wet] - RHO * p.position[wet] @ force
+    return rest - rest.mean()
+
+
+def test_shaken_full_tank(start):
+    sim = start(FULL, "motion=[{kind: surge, amplitude: 0.02, omega: 10.0, phase_deg: 90}]")
+    march(sim, 0.1)
+    p = sim.particles
+    assert np.all(np.isfinite(p.pressure))
+    assert sim.floating.count == 1
+    acceleration = sim.frame.force[0]
+    assert acceleration == pytest.approx(0.02 * 100.0 * np.cos(1.0), rel=1e-6)
+    assert np.abs(pressure_beyond(sim, sim.frame.force)).max() < 0.01 * RHO * acceleration * 0.3
+    middle = np.abs(p.position[:, 2] - 0.105) < 1e-3
+    left, right = (p.pressure[middle & (p.kind == WALL) & (p.normal[:, 0] == s)].mean() for s in (1.0, -1.0))
+    assert right - left == pytest.approx(RHO * acceleration * 0.3, rel=0.01 + 0.01 / 0.3)
+    assert p.pressure[: p.rows].min() == pytest.approx(0.0, abs=1e-9)
+    assert np.abs(p.velocity[: p.liquid]).max() < 0.01 * 0.2
+    assert np.ptp(p.position[: p.liquid, 2]) == pytest.approx(0.19, rel=0.01)
+
+
+def test_full_compartments_beside_a_partly_filled_one(start):
+    baffles = "[{x: 0.1, bottom: 0, top: 0.2, thickness: 0.02}, {x: 0.2, bottom: 0, top: 0.2, thickness: 0.02}]"
+    sim = start(
+        FULL,
+        f"tank.baffles={baffles}",
+        "fluids=[{name: water, region: {box: [[0, 0], [0.25, 0.2]]}}]",
+    )
+    for _ in range(5):
+        sim.step(1.0)
+    sim.choose_step(1.0)
+    sim.solve()
+    p = sim.particles
+    assert sim.floating.count == 2
+    x = p.position[: p.liquid, 0]
+    for low, high in ((0.0, 0.1), (0.1, 0.2)):
+        inside = (x > low) & (x < high)
+        assert inside.sum() > 100
+        error = p.pressure[: p.liquid][inside] + RHO * G * p.position[: p.liquid, 2][inside]
+        assert np.ptp(error) < 0.01 * RHO * G * 0.2
+        assert np.abs(p.velocity[: p.liquid][inside]).max() < 1e-3
+    free = x > 0.2
+    assert np.abs(p.velocity[: p.liquid][free]).max() > 0.02  # the third one is a column that collapses
+    assert p.pressure[: p.liquid][free].max() < RHO * G * 0.2
+
+
+def test_a_detached_blob_falls_freely(start):
+    sim = start(
+        "dimension: 2\nspacing: 0.01\ntank: {size: [0.4, 0.5]}\ntime: {end: 1.0, max_step: 1.0e-3}\n"
+        "scheme: {ksp_rtol: 1.0e-10}\n"
+        "fluids: [{name: water, region: {disc: {centre: [0.2, 0.35], radius: 0.06}}}]\n"
+    )
+    p = sim.particles
+    before = p.position[p.id[: p.liquid].argsort()]
+    march(sim, 0.15)
+    p = sim.particles
+    after = p.position[p.id[: p.liquid].argsort()]
+    steps = sim.step_number
+    fall = 0.5 * G * 0.15**2
+    np.testing.assert_allclose((before - after).mean(axis=0), [0.0, 0.0, fall * (1.0 + 1.0 / steps)], atol=1e-3 * fall)
+    np.testing.assert_allclose(after - before, np.tile((after - before).mean(axis=0), (len(after), 1)), atol=3e-3)
+    np.testing.assert_allclose(p.velocity[: p.liquid], np.tile([0.0, 0.0, -G * 0.15], (p.liquid, 1)), atol=1e-4 * 1.5)
+    assert np.abs(p.pressure[: p.rows]).max() < 1e-3 * RHO * G * 0.06
+    assert sim.floating.count == 0
+
+
+def test_standing_wave(start):
+    length, depth, amplitude = 1.0, 0.5, 0.02
+    sim = start(
+        f"dimension: 2\nspacing: 0.025\ntank: {{size: [{length}, 0.75]}}\ntime: {{end: 9.0, max_step: 4.0e-3}}\n"
+        f"fluids: [{{name: water, depth: {depth}}}]\n"
+        f"initial: {{kind: standing_wave, mode: 1, amplitude: {amplitude}}}\n"
+    )
+    k = np.pi / length
+    omega = np.sqrt(G * k * np.tanh(k * depth))
+    period = 2.0 * np.pi / omega
+    # an elevation a cos(k x) moves the centre of the liquid by -2 a / (k^2 L h)
+    times, mode = [], []
+    while sim.time < 1.1 * period:
+        sim.step(9.0)
+        p = sim.particles
+        times.append(sim.time)
+        mode.append(-(p.position[: p.liquid, 0].mean() - 0.5 * length) * k**2 * length * depth / 2.0)
+    times, mode = np.array(times), np.array(mode)
+    crossings = np.flatnonzero(mode[1:] * mode[:-1] < 0.0)
+    at = times[crossings] - mode[crossings] * np.diff(times)[crossings] / np.diff(mode)[crossings]
+    assert len(at) == 2
+    assert at[1] == pytest.approx(period, rel=0.01)
+    high, low = np.abs(mode[times < at[0]]).max(), np.abs(mode[(times > at[0]) & (times < at[1])]).max()
+    assert high == pytest.approx(amplitude, rel=0.04)
+    assert low == pytest.approx(amplitude, rel=0.04)
+
+
+def test_papers_scheme_runs_and_has_the_printed_counts(start):
+    sim = start(SLOSHING, "scheme=papers", "time.max_step=2.0e-4", "motion[0].phase_deg=90")
+    assert sim.totals == {"fluid": 12338, "total": 12338 + 1974}
+    for _ in range(5):
+        sim.step(10.0)
+    p = sim.particles
+    assert np.all(np.isfinite(p.position)) and np.all(np.isfinite(p.pressure))
+    assert np.abs(p.velocity[: p.liquid]).max() < 1.0
+
+
+def test_papers_scheme_at_rest(start):
+    sim = start(
+        "dimension: 2\nspacing: 0.01\ntank: {size: [0.25, 0.2]}\nfluids: [{name: water, depth: 0.15}]\n"
+        "time: {end: 1.0, max_step: 1.0e-3}\nscheme: papers\n"
+    )
+    march(sim, 0.1)
+    p = sim.particles
+    deep = np.flatnonzero((p.position[: p.liquid, 2] < 0.03))
+    assert p.pressure[deep].mean() == pytest.approx(RHO * G * (0.15 - 0.02), rel=0.2)
+    assert np.abs(p.velocity[: p.liquid]).max() < 0.5
+
+
+def test_a_tilted_full_tank_has_the_pressure_of_the_turned_gravity(start, tmp_path):
+    """Positive roll turns the right end down, so that gravity points to the right in the tank."""
+    path = tmp_path / "tilt.csv"
+    path.write_text("time [s],roll [deg]\n" + "".join(f"{t},20\n" for t in range(12)))
+    sim = start(FULL, f"motion=[{{kind: file, path: {path}}}]")
+    for _ in range(5):
+        sim.step(1.0)
+    sim.choose_step(1.0)
+    sim.solve()
+    tilt = np.radians(20.0)
+    force = G * np.array([np.sin(tilt), 0.0, -np.cos(tilt)])
+    np.testing.assert_allclose(sim.frame.force, force, atol=1e-9)
+    assert np.abs(pressure_beyond(sim, force)).max() < 0.01 * RHO * G * 0.2
+    assert np.abs(sim.particles.velocity).max() < 1e-3
+
+
+def test_liquid_that_turns_with_its_tank_has_the_centrifugal_pressure(start, tmp_path):
+    path = tmp_path / "spin.csv"
+    omega = 6.0
+    path.write_text("time [s],roll [deg]\n" + "".join(f"{t / 2},{np.degrees(omega * t / 2)}\n" for t in range(25)))
+    sim = start(FULL, "gravity=0", f"motion=[{{kind: file, path: {path}, centre: [0.15, 0.1]}}]")
+    sim.particles.velocity[:] = 0.0  # it has turned for long
+    for _ in range(10):
+        sim.step(1.0)
+    sim.choose_step(1.0)
+    sim.solve()
+    p = sim.particles
+    liquid = slice(0, p.liquid)
+    r2 = np.sum((p.position[liquid] - [0.15, 0.0, 0.1]) ** 2, axis=1)
+    expected = 0.5 * RHO * omega**2 * r2
+    error = p.pressure[liquid] - expected
+    assert np.std(error) < 0.02 * np.ptp(expected)
+    assert np.abs(p.velocity[liquid]).max() < 0.02 * omega * 0.18
+
+
+def test_liquid_stays_behind_when_the_tank_starts_with_a_jump(start):
+    """x = a sin(w t) has the speed a w at the start: seen from the tank, the liquid moves back with it."""
+    sim = start(FULL, "fluids[0].depth=0.1", "motion=[{kind: surge, amplitude: 0.02, omega: 7.0}]")
+    p = sim.particles
+    np.testing.assert_allclose(p.velocity[: p.liquid], np.tile([-0.14, 0.0, 0.0], (p.liquid, 1)), atol=1e-12)
