@@ -99,7 +99,8 @@ def floating_components(domain, column, blocks, held):
     label = np.where(column >= 0, column.astype(np.int64), np.iinfo(np.int64).max)
     tied = np.zeros(len(column), np.int64)
     tied[:rows] = held != 0
-    alone = np.diff(blocks.first) + np.diff(blocks.halo_first) == 1  # dry wall particles and liquid particles alone have P = 0
+    # Dry wall particles, and liquid particles alone, have no pressure.
+    alone = np.diff(blocks.first) + np.diff(blocks.halo_first) == 1
     tied[:rows][alone] = 1
     while True:
         least = np.full(parts, np.iinfo(np.int64).max)

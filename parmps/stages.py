@@ -463,7 +463,6 @@ def pressure_gradient(sim):
             sim.lattice.density,
             sim.dimension,
             s.gradient == "min",
-            s.collision_distance,
             p.liquid,
             p.acceleration,
         )
@@ -495,7 +494,7 @@ def move(sim):
 
 
 def correct(sim):
-    """v = v* - dt grad P / rho, r = r* - dt^2 grad P / rho ([004] eqs. 13 and 14)."""
+    """V = v* - dt grad P / rho, r = r* - dt^2 grad P / rho ([004] eqs. 13 and 14)."""
     p = sim.particles
     pressure_gradient(sim)
     liquid = slice(0, p.liquid)

@@ -189,7 +189,7 @@ def test_papers_scheme_at_rest(start):
     )
     march(sim, 0.1)
     p = sim.particles
-    deep = np.flatnonzero((p.position[: p.liquid, 2] < 0.03))
+    deep = np.flatnonzero(p.position[: p.liquid, 2] < 0.03)
     assert p.pressure[deep].mean() == pytest.approx(RHO * G * (0.15 - 0.02), rel=0.2)
     assert np.abs(p.velocity[: p.liquid]).max() < 0.5
 

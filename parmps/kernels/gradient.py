@@ -95,7 +95,7 @@ def add_missing_moment(matrix, surface, lean, n0, dimension, out):
 
 
 @compiled
-def paper_gradient(position, pressure, first, other, l0, reach, n0, dimension, minimum, least, rows, out):
+def paper_gradient(position, pressure, first, other, l0, reach, n0, dimension, minimum, rows, out):
     """Gradient of the papers: D/n0 sum (P_j + P_i) or (P_j - P_min) (r_j - r_i) W / r_ij^2.
 
     The sum is [002] eq. 5 and [004] eq. 5; P_min, the least pressure of the neighbourhood, is [000] eq. 8.
@@ -114,8 +114,6 @@ def paper_gradient(position, pressure, first, other, l0, reach, n0, dimension, m
     dimension : int
     minimum : bool
         Whether to take P_j - P_min.
-    least : float
-        Distance below which W / r^2 grows no more, in spacings: unbounded, it throws meeting particles apart.
     rows : int
     out : (n, 3) float64, Pa/m
         Filled for the rows.
@@ -135,7 +133,7 @@ def paper_gradient(position, pressure, first, other, l0, reach, n0, dimension, m
             dz = (position[j, 2] - position[i, 2]) / l0
             r2 = dx * dx + dy * dy + dz * dz
             if r2 < reach * reach:
-                s = weight(math.sqrt(r2), reach) / max(r2, least * least) * (pressure[j] + offset)
+                s = weight(math.sqrt(r2), reach) / r2 * (pressure[j] + offset)
                 gx += s * dx
                 gy += s * dy
                 gz += s * dz

@@ -5,7 +5,6 @@ import math
 from parmps.kernels.compiled import compiled
 from parmps.kernels.weight import weight
 
-
 WEAKEST_WALL = 0.08
 """Least sum of weights of a wall particle's links: that of a particle in the corner of a 3D tank."""
 

@@ -10,7 +10,7 @@ from parmps.kernels.walls import wall_distance
 def move(
     position, velocity, kind, asymmetry, surface, surface_normal, lean, gradient, l0, surface_lean, shift, dt, rows
 ):
-    """r += dt v + shift l0 F, tangential at the surface; surface particles move as the surface above them does.
+    """R += dt v + shift l0 F, tangential at the surface; surface particles move as the surface above them does.
 
     The asymmetry F points away from crowded neighbours, so that shifting along it evens the spacing (Lind
     2012, Khayyer 2017: along the surface only, where there is one); the velocity is interpolated to the shifted
