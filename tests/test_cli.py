@@ -81,7 +81,10 @@ BAD = {
         "nowhere.csv",
     ),
     "not yet": (
-        ("{name: water, depth: 0.15, kinematic_viscosity: 1.0e-6}", "{name: a, depth: 0.1}, {name: b, depth: 0.1}"),
+        (
+            "{name: water, depth: 0.15, kinematic_viscosity: 1.0e-6}",
+            "{name: a, depth: 0.1}, {name: b, depth: 0.1}",
+        ),
         "fluids",
         "not yet",
     ),

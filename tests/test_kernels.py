@@ -48,7 +48,8 @@ def make_case(dimension, noise, baffles="", wall_pairs=False, full=False, seed=1
     size = (0.16, 0.12) if dimension == 2 else (0.07, 0.06, 0.06)
     depth = size[-1] if full else 0.08 if dimension == 2 else 0.04
     job = parse_job(
-        f"dimension: {dimension}\nspacing: 0.01\nfluids: [{{name: water, depth: {depth}}}]\ntime: {{end: 1.0}}\n"
+        f"dimension: {dimension}\nspacing: 0.01\nfluids: [{{name: water, depth: {depth}}}]\n"
+        "time: {end: 1.0}\n"
         f"tank: {{size: {list(size)}, baffles: [{baffles}]}}\n"
     )
     placed = place(job, "half")
@@ -76,7 +77,8 @@ def make_case(dimension, noise, baffles="", wall_pairs=False, full=False, seed=1
     return SimpleNamespace(
         p=p, l0=l0, d=d, r=r, solids=solids, lists=pairs.lists, listed=listed, dimension=dimension, rng=rng,
         lat=lattice(dimension, REACH), rows=p.rows, w=np.where(listed, kernel(r), 0.0), vector=vector,
-        scalar=rng.normal(size=len(p)), surface=(rng.random(len(p)) < 0.2).astype(np.int8) * (p.kind == FLUID),
+        scalar=rng.normal(size=len(p)),
+        surface=(rng.random(len(p)) < 0.2).astype(np.int8) * (p.kind == FLUID),
     )  # fmt: skip
 
 
@@ -116,7 +118,9 @@ def test_neighbours_without_baffles(dimension, noise, wall_pairs):
     mine = kind[: c.rows, None]
     seen_wall = np.einsum("ijk,jk->ij", c.d, normal) < 0.0
     from_wall = np.einsum("ijk,ik->ij", c.d, normal[: c.rows]) > 0.0
-    sees = np.where(mine == FLUID, (kind == FLUID) | seen_wall, np.where(kind == FLUID, from_wall, wall_pairs))
+    sees = np.where(
+        mine == FLUID, (kind == FLUID) | seen_wall, np.where(kind == FLUID, from_wall, wall_pairs)
+    )
     np.testing.assert_array_equal(c.listed, (c.r < REACH) & sees)
     first, other = c.lists
     for i in range(c.rows):
@@ -194,7 +198,9 @@ def test_moments(dimension, noise):
     np.testing.assert_allclose(full_matrix(got.matrix), reference, atol=1e-12)
     if noise == 0.0:
         # dummies have no part in the moments: two rows from the walls they are those of the lattice
-        away = np.flatnonzero((got.density > c.lat.density - 1e-9) & ~(c.listed & (c.p.kind == 2)).any(axis=1))
+        away = np.flatnonzero(
+            (got.density > c.lat.density - 1e-9) & ~(c.listed & (c.p.kind == 2)).any(axis=1)
+        )
         assert len(away)
         np.testing.assert_allclose(got.matrix[away][:, [0, 5]], 1.0, rtol=1e-9)
 
@@ -273,7 +279,9 @@ def test_the_surface_of_liquid_at_rest_is_its_top_row(dimension):
     density.surface_normals(
         c.p.position, c.p.kind, m.asymmetry, surface, *c.lists, c.l0, REACH, c.p.liquid, normal
     )
-    middle = np.linalg.norm(c.p.position[: c.p.liquid, :2] - c.p.position[: c.p.liquid, :2].mean(axis=0), axis=1)
+    middle = np.linalg.norm(
+        c.p.position[: c.p.liquid, :2] - c.p.position[: c.p.liquid, :2].mean(axis=0), axis=1
+    )
     top = (middle < 1.2 * c.l0) & (surface[: c.p.liquid] != 0)
     np.testing.assert_allclose(normal[top], np.tile([0.0, 0.0, 1.0], (top.sum(), 1)), atol=5e-3)
     assert not normal[z < z.max() - 2.5 * c.l0].any()
@@ -345,13 +353,25 @@ def test_velocity_gradient(dimension, noise):
     density.invert(m.matrix, 0.4, dimension, inverse)
     out = np.zeros((len(c.p), 9))
     velocity.velocity_gradient(
-        c.p.position, c.vector, c.p.kind, *c.lists, inverse, c.l0, REACH, c.lat.density, dimension, c.rows, out
+        c.p.position,
+        c.vector,
+        c.p.kind,
+        *c.lists,
+        inverse,
+        c.l0,
+        REACH,
+        c.lat.density,
+        dimension,
+        c.rows,
+        out,
     )
     w = np.where(c.p.kind == 2, 0.0, c.w) / c.r**2
     jump = c.vector[None, :, :] - c.vector[: c.rows, None, :]
     reference = np.einsum("ij,ija,ijc,icb->iab", w, jump, c.d, full_matrix(inverse), optimize=True)
     reference *= dimension / (c.lat.density * c.l0)
-    np.testing.assert_allclose(out[: c.rows].reshape(-1, 3, 3), reference, atol=1e-9 * np.abs(reference).max())
+    np.testing.assert_allclose(
+        out[: c.rows].reshape(-1, 3, 3), reference, atol=1e-9 * np.abs(reference).max()
+    )
 
 
 @pytest.mark.parametrize("minimum", [False, True])
@@ -379,7 +399,18 @@ def test_residual_damping(dimension, noise):
 
     def damp(field, gradients):
         gradient.residual_damping(
-            c.p.position, field, c.p.kind, gradients, *c.lists, c.l0, REACH, c.lat.density, base, slope, n, out
+            c.p.position,
+            field,
+            c.p.kind,
+            gradients,
+            *c.lists,
+            c.l0,
+            REACH,
+            c.lat.density,
+            base,
+            slope,
+            n,
+            out,
         )
         return out[:n].copy()
 
@@ -426,7 +457,17 @@ def test_reflection_at_walls(dimension, noise):
     c = make_case(dimension, noise)
     out = c.vector.copy()
     velocity.reflect_at_walls(
-        c.p.position, c.vector, c.p.kind, c.p.normal, c.p.depth, *c.lists, c.l0, REACH, c.p.liquid, c.rows, out
+        c.p.position,
+        c.vector,
+        c.p.kind,
+        c.p.normal,
+        c.p.depth,
+        *c.lists,
+        c.l0,
+        REACH,
+        c.p.liquid,
+        c.rows,
+        out,
     )
     for i in range(c.p.liquid, c.rows):
         w = np.where(c.p.kind == FLUID, c.w[i], 0.0)
@@ -561,7 +602,7 @@ def test_hydrostatic_pressure_solves_the_equation_of_a_full_tank_of_disordered_p
 
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_hydrostatic_pressure_solves_the_equation_below_a_flat_surface(dimension):
-    """Disordered below, where the equation is exact; the row of the surface is even, and away from the walls."""
+    """Disordered below, where the equation is exact; the surface is even, and away from the walls."""
     c = make_case(dimension, 0.0)
     top = c.p.position[: c.p.liquid, 2].max()
     deep = c.p.position[: c.p.liquid, 2] < top - 2.5 * c.l0
@@ -597,8 +638,8 @@ def test_move_without_shifting_or_surface_follows_the_velocity(dimension, noise)
     none = np.zeros(len(c.p), np.int8)
     m = moments_of(c)
     shifting.move(
-        c.p.position, c.vector, c.p.kind, m.asymmetry, none, np.zeros((n, 3)), m.lean, np.zeros((len(c.p), 9)),
-        c.l0, 1.0, 0.0, dt, n,
+        c.p.position, c.vector, c.p.kind, m.asymmetry, none, np.zeros((n, 3)), m.lean,
+        np.zeros((len(c.p), 9)), c.l0, 1.0, 0.0, dt, n,
     )  # fmt: skip
     np.testing.assert_allclose(c.p.position[:n], before[:n] + dt * c.vector[:n], atol=1e-15)
     np.testing.assert_array_equal(c.p.position[n:], before[n:])
@@ -634,5 +675,7 @@ def test_particles_are_put_back_from_walls_and_lose_the_speed_towards_them():
         position, speed, np.zeros(4, np.int8), container, np.empty((0, 2, 3)), False, 0.01, 4
     )
     assert count >= 4
-    np.testing.assert_allclose(position[:, [0, 2]], [[0.01, 0.3], [0.5, 0.49], [0.99, 0.01], [0.5, 0.25]], atol=1e-12)
+    np.testing.assert_allclose(
+        position[:, [0, 2]], [[0.01, 0.3], [0.5, 0.49], [0.99, 0.01], [0.5, 0.25]], atol=1e-12
+    )
     np.testing.assert_allclose(speed[:, [0, 2]], [[0, 2], [1, -3], [0, 0], [5, 5]], atol=1e-12)

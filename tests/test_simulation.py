@@ -1,4 +1,4 @@
-"""Whole simulations with known answers: rest, full tanks, free fall, a standing wave, turned and turning tanks."""
+"""Whole simulations with known answers: rest, full tanks, free fall, a standing wave, turned tanks."""
 
 from pathlib import Path
 
@@ -101,7 +101,9 @@ def test_shaken_full_tank(start):
 
 
 def test_full_compartments_beside_a_partly_filled_one(start):
-    baffles = "[{x: 0.1, bottom: 0, top: 0.2, thickness: 0.02}, {x: 0.2, bottom: 0, top: 0.2, thickness: 0.02}]"
+    baffles = (
+        "[{x: 0.1, bottom: 0, top: 0.2, thickness: 0.02}, {x: 0.2, bottom: 0, top: 0.2, thickness: 0.02}]"
+    )
     sim = start(
         FULL,
         f"tank.baffles={baffles}",
@@ -138,9 +140,15 @@ def test_a_detached_blob_falls_freely(start):
     after = p.position[p.id[: p.liquid].argsort()]
     steps = sim.step_number
     fall = 0.5 * G * 0.15**2
-    np.testing.assert_allclose((before - after).mean(axis=0), [0.0, 0.0, fall * (1.0 + 1.0 / steps)], atol=1e-3 * fall)
-    np.testing.assert_allclose(after - before, np.tile((after - before).mean(axis=0), (len(after), 1)), atol=3e-3)
-    np.testing.assert_allclose(p.velocity[: p.liquid], np.tile([0.0, 0.0, -G * 0.15], (p.liquid, 1)), atol=1e-4 * 1.5)
+    np.testing.assert_allclose(
+        (before - after).mean(axis=0), [0.0, 0.0, fall * (1.0 + 1.0 / steps)], atol=1e-3 * fall
+    )
+    np.testing.assert_allclose(
+        after - before, np.tile((after - before).mean(axis=0), (len(after), 1)), atol=3e-3
+    )
+    np.testing.assert_allclose(
+        p.velocity[: p.liquid], np.tile([0.0, 0.0, -G * 0.15], (p.liquid, 1)), atol=1e-4 * 1.5
+    )
     assert np.abs(p.pressure[: p.rows]).max() < 1e-3 * RHO * G * 0.06
     assert sim.floating.count == 0
 
@@ -148,7 +156,8 @@ def test_a_detached_blob_falls_freely(start):
 def test_standing_wave(start):
     length, depth, amplitude = 1.0, 0.5, 0.02
     sim = start(
-        f"dimension: 2\nspacing: 0.025\ntank: {{size: [{length}, 0.75]}}\ntime: {{end: 9.0, max_step: 4.0e-3}}\n"
+        f"dimension: 2\nspacing: 0.025\ntank: {{size: [{length}, 0.75]}}\n"
+        "time: {end: 9.0, max_step: 4.0e-3}\n"
         f"fluids: [{{name: water, depth: {depth}}}]\n"
         f"initial: {{kind: standing_wave, mode: 1, amplitude: {amplitude}}}\n"
     )
@@ -213,7 +222,9 @@ def test_a_tilted_full_tank_has_the_pressure_of_the_turned_gravity(start, tmp_pa
 def test_liquid_that_turns_with_its_tank_has_the_centrifugal_pressure(start, tmp_path):
     path = tmp_path / "spin.csv"
     omega = 6.0
-    path.write_text("time [s],roll [deg]\n" + "".join(f"{t / 2},{np.degrees(omega * t / 2)}\n" for t in range(25)))
+    path.write_text(
+        "time [s],roll [deg]\n" + "".join(f"{t / 2},{np.degrees(omega * t / 2)}\n" for t in range(25))
+    )
     sim = start(FULL, "gravity=0", f"motion=[{{kind: file, path: {path}, centre: [0.15, 0.1]}}]")
     sim.particles.velocity[:] = 0.0  # it has turned for long
     for _ in range(10):

@@ -32,7 +32,9 @@ def cloud(comm, count, dimension, seed=0):
     first = comm.exscan(mine) or 0
     arrays = {}
     for name, (dtype, shape) in FIELDS.items():
-        values = rng.normal(size=(mine, *shape)) if dtype is np.float64 else rng.integers(0, 100, (mine, *shape))
+        values = (
+            rng.normal(size=(mine, *shape)) if dtype is np.float64 else rng.integers(0, 100, (mine, *shape))
+        )
         arrays[name] = values.astype(dtype)
     arrays["id"] = first + np.arange(mine)
     arrays["kind"] = rng.choice([FLUID, FLUID, WALL, DUMMY], mine).astype(np.int8)
@@ -74,7 +76,9 @@ def test_bisection_balances_the_cost(comm, dimension):
     assert max(cost) - min(cost) <= 6.0 * comm.size
     corners = np.array([after.position.min(axis=0), after.position.max(axis=0)])
     boxes = np.array(comm.allgather(corners))
-    overlap = np.minimum(boxes[:, None, 1], boxes[None, :, 1]) - np.maximum(boxes[:, None, 0], boxes[None, :, 0])
+    overlap = np.minimum(boxes[:, None, 1], boxes[None, :, 1]) - np.maximum(
+        boxes[:, None, 0], boxes[None, :, 0]
+    )
     overlap = overlap[:, :, [0, 2] if dimension == 2 else [0, 1, 2]]
     area = np.prod(np.maximum(overlap, 0.0), axis=2)
     np.fill_diagonal(area, 0.0)
@@ -235,7 +239,7 @@ def test_positions_do_not_depend_on_the_number_of_ranks(comm, redistribute):
 
 
 def test_papers_scheme_does_not_depend_on_the_number_of_ranks(comm):
-    """Short and from rest: the printed scheme magnifies rounding, and does not survive a jolt at this step."""
+    """Short and from rest: the printed scheme magnifies rounding, and a jolt ends it at this step."""
     more = ("scheme.preset=papers", "motion=[]")
     one, many = alone(10, *more), march(comm, 10, True, *more)
     assert np.abs(many["position"] - one["position"]).max() < 1e-8 * one["l0"]
@@ -243,7 +247,12 @@ def test_papers_scheme_does_not_depend_on_the_number_of_ranks(comm):
 
 
 def test_three_dimensions_do_not_depend_on_the_number_of_ranks(comm):
-    more = ("dimension=3", "tank.size=[0.2, 0.12, 0.2]", "fluids[0].depth=0.1", "motion[1].centre=[0.1, 0.06, 0.1]")
+    more = (
+        "dimension=3",
+        "tank.size=[0.2, 0.12, 0.2]",
+        "fluids[0].depth=0.1",
+        "motion[1].centre=[0.1, 0.06, 0.1]",
+    )
     one, many = alone(5, *more), march(comm, 5, True, *more)
     assert np.abs(many["position"] - one["position"]).max() < 1e-8 * one["l0"]
     assert np.abs(many["pressure"] - one["pressure"]).max() < 1e-6 * 1500.0
