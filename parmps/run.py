@@ -252,9 +252,10 @@ class Run:
     def _loop(self):
         s, end = self.simulation, self.job.time.end
         schedules = (self.samples, self.frames, self.saves)
-        started = s.time
+        s.start()
+        began = s.time
         while True:
-            if self.saves.due(s.time) and s.time > started:
+            if self.saves.due(s.time) and s.time > began:
                 self._save()
             s.balance()
             s.choose_step(min(schedule.after(s.time) for schedule in schedules))

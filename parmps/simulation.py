@@ -142,8 +142,8 @@ class Simulation:
         self.step_min, self.step_max = math.inf, 0.0
         self.floating = Floating(np.full(0, -1), 0)
         self.seconds = {stage.name: 0.0 for stage in (*self.plan.solve, *self.plan.move)}
+        self.started = False
         self.distribute()
-        self.start_from_impulse()
         self.initial_energy = self.kinetic_energy()
         at = self.particles.position[: self.particles.liquid, 2]
         mean_height = self.domain.sum(float(at.sum())) / self.totals["fluid"]
@@ -194,12 +194,20 @@ class Simulation:
         if due:
             self.distribute()
 
-    def start_from_impulse(self):
-        """Make the initial velocity one that incompressible liquid in this tank can have.
+    def start(self):
+        """Make the initial velocity one that incompressible liquid in this tank can have; once, at the start.
 
         A velocity towards a wall, as of a tank that starts with a jolt, is stopped by an impulse of pressure
         in no time: the velocity is projected once, without a body force and without moving anything.
+
+        Raises
+        ------
+        DivergedError
+            On all ranks.
         """
+        if self.started:
+            return
+        self.started = True
         p = self.particles
         velocity = p.velocity[: p.liquid].copy()
         if not self.plan.solve or self.domain.max(float(np.abs(velocity).max(initial=0.0))) == 0.0:
@@ -212,9 +220,11 @@ class Simulation:
             stage.run(self)
         pressure_gradient(self)
         p.velocity[: p.liquid] = velocity - self.dt * p.acceleration[: p.liquid]
-        p.acceleration[:] = p.pressure[:] = 0.0
+        p.acceleration[:] = 0.0
+        p.pressure[:] = 0.0
         self.frame = self.motion.at(0.0)
         self.contacts = 0
+        self.initial_energy = self.kinetic_energy()
 
     # What the stages use
 
@@ -340,6 +350,7 @@ class Simulation:
         until : float
             s.
         """
+        self.start()
         self.balance()
         self.choose_step(until)
         self.solve()
@@ -375,6 +386,7 @@ class Simulation:
         for name in COUNTERS:
             setattr(self, name, snapshot["counters"][name])
         self.left = snapshot["left"]
+        self.started = True
         self.particles = Particles(snapshot["arrays"])
         self.distribute()
 

@@ -378,6 +378,7 @@ def solve_pressure(sim):
         w.link_force,
         w.force,
         w.source,
+        p.pressure,
         sim.column,
         *sim.pairs.lists,
         sim.l0,

@@ -526,7 +526,7 @@ def test_predicted_acceleration_keeps_its_distance_from_the_body_force():
 # Pressure equation
 
 
-def assemble(c, surface, link, wall, source, ghost, share=0.5):
+def assemble(c, surface, link, wall, source, ghost, pressure, share=0.5):
     rows, entries = c.rows, len(c.lists[1]) + c.rows
     column = np.full(len(c.p), -1, np.int32)
     column[:rows] = np.arange(rows)
@@ -535,7 +535,7 @@ def assemble(c, surface, link, wall, source, ghost, share=0.5):
     values, halo_values = np.zeros((2, entries))
     at, rhs = np.zeros(rows, np.int32), np.zeros(rows)
     poisson.poisson_rows(
-        c.p.position, c.p.kind, surface, link, wall, source, column, *c.lists, c.l0, REACH, c.lat.density,
+        c.p.position, c.p.kind, surface, link, wall, source, pressure, column, *c.lists, c.l0, REACH, c.lat.density,
         c.lat.lam, c.dimension, 1000.0, share, ghost, first, columns, values, halo_first, halo_columns,
         halo_values, at, rhs,
     )  # fmt: skip
@@ -554,7 +554,7 @@ def test_poisson_rows(dimension, noise, ghost):
     rows, n, share = c.rows, c.p.liquid, 0.5
     wall_force = c.rng.normal(size=(len(c.p), 3))
     source = c.rng.normal(size=rows)
-    got, rhs = assemble(c, c.surface, c.vector, wall_force, source, ghost, share)
+    got, rhs = assemble(c, c.surface, c.vector, wall_force, source, ghost, c.scalar, share)
     scale = 2.0 * dimension / (c.lat.density * c.lat.lam * c.l0**2)
     matrix, right = np.zeros((rows, rows)), np.zeros(rows)
     for i in range(rows):
@@ -575,9 +575,14 @@ def test_poisson_rows(dimension, noise, ghost):
             extra = max(2.0 * np.linalg.norm(missing), c.lat.density - c.w[i].sum())
             matrix[i, i] += scale * extra
             flux += c.vector[i] @ missing
-        if matrix[i, i] == 0.0:
+        held, least = 0.0, scale * poisson.WEAKEST_WALL
+        if i >= n:
+            if 0.0 < matrix[i, i] < least:
+                held = (least - matrix[i, i]) * c.scalar[i]
+            matrix[i, i] = max(matrix[i, i], least)
+        elif matrix[i, i] == 0.0:
             matrix[i, i] = scale * c.lat.density
-        right[i] = -1000.0 * (source[i] + scale * c.l0 * flux)
+        right[i] = held - 1000.0 * (source[i] + scale * c.l0 * flux)
     np.testing.assert_allclose(got, matrix, atol=1e-10 * matrix.max())
     np.testing.assert_allclose(rhs, right, atol=1e-10 * np.abs(right).max())
     np.testing.assert_allclose(got, got.T, atol=1e-12 * got.max())
@@ -590,8 +595,8 @@ def test_hydrostatic_pressure_solves_the_equation_of_a_full_tank_of_disordered_p
     force = np.array([1.3, 0.0 if dimension == 2 else -0.4, -9.8])
     everywhere = np.tile(force, (len(c.p), 1))
     none = np.zeros(len(c.p), np.int8)
-    matrix, rhs = assemble(c, none, everywhere, everywhere, np.zeros(c.rows), True)
     exact = 1000.0 * c.p.position[: c.rows] @ force
+    matrix, rhs = assemble(c, none, everywhere, everywhere, np.zeros(c.rows), True, exact)
     residual = matrix @ exact - rhs
     wet = np.array([matrix[i].astype(bool).sum() > 1 for i in range(c.rows)])
     np.testing.assert_allclose(residual[wet], 0.0, atol=1e-9 * np.abs(rhs).max())
@@ -615,8 +620,8 @@ def test_hydrostatic_pressure_solves_the_equation_below_a_flat_surface(dimension
     surface = np.zeros(len(c.p), np.int8)
     surface[: c.p.liquid] = c.p.position[: c.p.liquid, 2] > top - 0.5 * c.l0
     everywhere = np.tile([0.0, 0.0, -9.8], (len(c.p), 1))
-    matrix, rhs = assemble(c, surface, everywhere, everywhere, np.zeros(c.rows), True)
     exact = 9800.0 * (top + 0.5 * c.l0 - c.p.position[: c.rows, 2])
+    matrix, rhs = assemble(c, surface, everywhere, everywhere, np.zeros(c.rows), True, exact)
     residual = np.abs(matrix @ exact - rhs) / np.abs(rhs).max()
     wet = np.count_nonzero(matrix, axis=1) > 1
     plan = c.p.position[: c.rows, : dimension - 1]

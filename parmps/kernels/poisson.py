@@ -17,6 +17,7 @@ def poisson_rows(
     link_force,
     wall_force,
     source,
+    pressure,
     column,
     first,
     other,
@@ -59,6 +60,8 @@ def poisson_rows(
         f of fluid particles, for links to walls.
     source : (rows,) float64, 1/s2
         s: divergence over the time step, with the volume term.
+    pressure : (n,) float64, Pa
+        Of the step before.
     column : (n,) int32
         Global row number of each particle, -1 for none.
     first, other
@@ -96,7 +99,7 @@ def poisson_rows(
             row_first[i + 1], halo_first[i + 1] = count, beyond
             continue
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
-        diagonal = flux = total = mx = my = mz = 0.0
+        diagonal = flux = total = mx = my = mz = held = 0.0
         at_diagonal[i] = -1
         for k in range(first[i], first[i + 1]):
             j = other[k]
@@ -141,7 +144,10 @@ def poisson_rows(
             flux += link_force[i, 0] * mx + link_force[i, 1] * my + link_force[i, 2] * mz
         if kind[i] != 0:
             # Weak links come and go with every step; with the diagonal following them down to nothing, the
-            # preconditioner of an earlier step would magnify these rows. A dry wall particle has none.
+            # preconditioner of an earlier step would magnify these rows. So they are held at the last
+            # pressure. A dry wall particle has no links, and no pressure.
+            if 0.0 < diagonal < WEAKEST_WALL:
+                held = scale * (WEAKEST_WALL - diagonal) * pressure[i]
             diagonal = max(diagonal, WEAKEST_WALL)
         elif diagonal == 0.0:  # a fluid particle alone
             diagonal = n0
@@ -149,5 +155,5 @@ def poisson_rows(
             at_diagonal[i] = count
             count += 1
         columns[at_diagonal[i]], values[at_diagonal[i]] = i, scale * diagonal
-        rhs[i] = -density * (source[i] + scale * l0 * flux)
+        rhs[i] = held - density * (source[i] + scale * l0 * flux)
         row_first[i + 1], halo_first[i + 1] = count, beyond
