@@ -17,7 +17,7 @@ examples:
   mpirun -n 2 python -m parmps jobs/sloshing.yaml
   python -m parmps jobs/sloshing.yaml --out /tmp/run --set motion[0].amplitude=0.03 --set time.end=5
   python -m parmps jobs/sloshing.yaml --restart out/sloshing --set time.end=20
-  python -m parmps plan jobs/sloshing.yaml
+  python -m parmps plan jobs/sloshing.yaml --png start.png
   python -m parmps schema
 
 exit status: 0 done, 2 bad input, 3 diverged, 4 a rank failed or an output could not be written.
@@ -63,6 +63,8 @@ def _arguments(words):
         parser.add_argument("command", choices=["plan"], help="show what would run; solves nothing")
     parser.add_argument("job", metavar="JOB.yaml", help="job file, or plan JOB.yaml, or schema")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="change a key of the job")
+    if command == "plan":
+        parser.add_argument("--png", metavar="FILE", help="also draw the particles at the start")
     if command == "run":
         parser.add_argument("--out", metavar="DIR", help="output directory, instead of the job's")
         parser.add_argument("--restart", metavar="DIR", help="continue from the checkpoint of an earlier run")
@@ -80,10 +82,7 @@ def main():
             if domain.rank == 0:
                 print(json.dumps(json_schema(), indent=2) if arguments.json else schema_table())
         elif command == "plan":
-            from parmps.planning import plan_text
-
-            if domain.rank == 0:
-                print(plan_text(job, domain))
+            _plan(job, arguments, domain)
         else:
             _run(job, arguments, domain)
     except ParmpsError as problem:
@@ -120,6 +119,23 @@ def _prepare(domain):
     if result[0] == "exit":
         sys.exit(result[1])
     return result
+
+
+def _plan(job, arguments, domain):
+    from parmps.planning import draw_plan, plan_text
+
+    error = None
+    if domain.rank == 0:
+        try:
+            print(plan_text(job, domain))
+            if arguments.png:
+                draw_plan(job, arguments.png)
+                print(f"\nThe particles at the start are drawn in {arguments.png}")
+        except ParmpsError as problem:
+            error = problem
+    error = domain.share(error)
+    if error is not None:
+        raise error
 
 
 def _run(job, arguments, domain):

@@ -104,7 +104,7 @@ class Simulation:
         self.dimension = job.dimension
         self.density = job.fluids[0].density
         self.viscosity = job.fluids[0].kinematic_viscosity
-        placement = place(job, scheme.wall, domain.rank, domain.size, layers=_layers(scheme))
+        placement = place(job, scheme.wall, domain.rank, domain.size, layers=wall_layers(scheme))
         self.geometry = placement.geometry
         self.l0 = placement.spacing
         self.particle_mass = float(
@@ -436,8 +436,17 @@ class Simulation:
         return float(total / max(count, 1.0))
 
 
-def _layers(scheme):
-    """Wall layers that the radii need: one wall and so many dummies, which only ghosts need in the Laplacian."""
+def wall_layers(scheme):
+    """Wall layers that the radii need: one wall and so many dummies, which only ghosts need in the Laplacian.
+
+    Parameters
+    ----------
+    scheme : Scheme
+
+    Returns
+    -------
+    int
+    """
     laplacian = scheme.laplacian_radius if scheme.surface == "ghost" else 0.0
     return max(3, math.ceil(max(scheme.radius, laplacian)))
 

@@ -17,6 +17,7 @@ FLUID_CLEARANCE = {"half": 0.25, "line": 0.75}  # least distance of the liquid f
 WALL_CLEARANCE = {"half": 0.01, "line": 0.5}  # the same for the tank's wall particles beside a baffle
 COINCIDENT = 0.1  # in spacings; two particles nearer than this push each other apart violently
 CHUNK = 2**20  # lattice points handled at once
+EMPTY_SHARES = 2**62  # more shares than particles: the first one is empty
 
 
 @dataclass(frozen=True)
@@ -148,6 +149,33 @@ def place(job, wall, part=0, parts=1, layers=3):
         total_fluid=total_fluid,
         geometry=geometry,
     )
+
+
+def count_particles(job, wall, layers=3):
+    """Count the particles of a job without placing the liquid.
+
+    Parameters
+    ----------
+    job : Job
+    wall, layers
+        As in `place`.
+
+    Returns
+    -------
+    dict of str to int
+        ``fluid``, ``wall``, ``dummy`` and ``total``.
+    float
+        Effective spacing l0, m.
+
+    Raises
+    ------
+    InputError
+        As in `place`.
+    """
+    shares = place(job, wall, part=0, parts=EMPTY_SHARES, layers=layers)
+    kinds = np.bincount(_place_walls(shares.geometry)["kind"], minlength=3)
+    counts = {"fluid": shares.total_fluid, "wall": int(kinds[WALL]), "dummy": int(kinds[DUMMY])}
+    return {**counts, "total": shares.total}, shares.spacing
 
 
 # ---- liquid

@@ -1,0 +1,30 @@
+"""The plan of a job tells its particles, steps and stages."""
+
+from parmps.domain import Domain
+from parmps.loader import load_job
+from parmps.planning import draw_plan, plan_text
+from parmps.simulation import Simulation
+
+
+def test_plan_counts_the_particles_that_a_run_has_and_names_its_stages():
+    job = load_job("jobs/sloshing.yaml", ["spacing=0.02"])
+    text = plan_text(job, Domain())
+    sim = Simulation(job, Domain())
+    rows = dict(line.split()[:2] for line in text.splitlines() if line.split()[:1] in (["fluid"], ["total"]))
+    assert int(rows["fluid"]) == sim.totals["fluid"] == 480
+    assert int(rows["total"]) == sim.totals["total"]
+    for stage in (*sim.plan.solve, *sim.plan.move):
+        assert stage.name in text
+        assert stage.reason in text
+    assert "viscosity" in dict(sim.plan.left_out)
+
+
+def test_the_papers_counts_of_case_1():
+    text = plan_text(load_job("jobs/sloshing.yaml", ["scheme=papers"]), Domain())
+    assert "12338" in text
+    assert str(12338 + 1974) in text
+
+
+def test_plan_draws_the_start(tmp_path):
+    draw_plan(load_job("jobs/sloshing.yaml", ["spacing=0.02"]), tmp_path / "start.png")
+    assert (tmp_path / "start.png").stat().st_size > 5000
