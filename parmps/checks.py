@@ -284,7 +284,7 @@ def _resolution_warnings(job):
             key = f"tank.baffles[{number}].thickness"
             yield (
                 f"{key}: {baffle.thickness:g} m is less than the spacing of {spacing:g} m; the baffle is "
-                "modelled one spacing thick"
+                "modelled as 1.1 spacings thick"
             )
     sides = job.tank.size[:-1]
     particles = math.prod(side / spacing for side in sides) * _total_depth(job) / spacing

@@ -13,6 +13,7 @@ from parmps.errors import InputError
 MAX_STRETCH = 0.1  # relative; a lattice stretched more is no longer near the spacing asked for
 ROUNDING = 1e-6  # in spacings; forgives the rounding of decimal input such as 0.25 / 0.005
 INSET = {"half": 0.5, "line": 0.0}  # depth of the wall layer below the wall surface, in spacings
+THINNEST_BAFFLE = 1.1  # in spacings; a thinner one is modelled as thick as this
 
 
 @dataclass(frozen=True)
@@ -273,8 +274,8 @@ def _flat_axis():
 
 
 def _solid(baffle, axes, spacing, wall, lid):
-    # A thinner plate would put the wall particles of its two sides beyond one another.
-    half = max(baffle.thickness, spacing) / 2
+    # A thinner plate would put the wall particles of its two sides upon or beyond one another.
+    half = max(baffle.thickness, THINNEST_BAFFLE * spacing) / 2
     y = axes[1]
     across = (y.low, y.high) if baffle.width is None else baffle.width
     if baffle.vertical:

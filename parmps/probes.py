@@ -206,7 +206,7 @@ class ForceGauge:
         self.geometry = geometry
         names = ["", *(f"baffle{number + 1}." for number in range(len(geometry.solids)))]
         if geometry.dimension == 2:
-            signals, self.used = ["Fx [N/m]", "Fz [N/m]", "My [N]"], [0, 2, 4]
+            signals, self.used = ["Fx [N/m]", "Fz [N/m]", "My [N m/m]"], [0, 2, 4]
         else:
             signals, self.used = [f"F{a} [N]" for a in "xyz"] + [f"M{a} [N m]" for a in "xyz"], range(6)
         self.columns = [f"{probe.name}.{name}{signal}" for name in names for signal in signals]

@@ -95,12 +95,12 @@ def test_force_of_liquid_at_rest_is_its_weight(wall):
     p = place(job, wall)
     values = measure(job, hydrostatic(p, 0.25), p.geometry)
     assert list(values) == [
-        f"load.{body}{signal}" for body in ("", "baffle1.") for signal in ("Fx [N/m]", "Fz [N/m]", "My [N]")
+        f"load.{body}{signal}" for body in ("", "baffle1.") for signal in ("Fx [N/m]", "Fz [N/m]", "My [N m/m]")
     ]
     weight = RHO * G * (0.8 * 0.25 - 0.006 * 0.15)
     assert values["load.Fz [N/m]"] + values["load.baffle1.Fz [N/m]"] == pytest.approx(-weight, rel=0.01)
     assert values["load.baffle1.Fz [N/m]"] == pytest.approx(-RHO * G * 0.1 * 0.006, rel=1e-6)
-    for name in ("load.Fx [N/m]", "load.My [N]", "load.baffle1.Fx [N/m]", "load.baffle1.My [N]"):
+    for name in ("load.Fx [N/m]", "load.My [N m/m]", "load.baffle1.Fx [N/m]", "load.baffle1.My [N m/m]"):
         assert values[name] == pytest.approx(0, abs=1e-6 * weight)
 
 
