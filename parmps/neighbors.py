@@ -48,7 +48,7 @@ class Pairs:
         """
         rows = particles.rows if self._wall_rows else particles.liquid
         first = np.empty(rows + 1, np.int64)
-        lower, shape = self._grid(particles)
+        lower, size, shape = self._grid(particles)
         while True:
             self.count = find_pairs(
                 particles.position,
@@ -57,6 +57,7 @@ class Pairs:
                 rows,
                 self._reach,
                 lower,
+                size,
                 shape,
                 self._solids,
                 self._wall_pairs,
@@ -69,12 +70,15 @@ class Pairs:
         self.lists = first, self._other
 
     def _grid(self, particles):
-        """Cells of the size of the radius around the particles; at most 8 a particle, where spray flies far."""
+        """Cells of the size of the radius, a quarter of it along z; larger where spray flies far."""
         lower, upper = bounds(particles.position, particles.kind)
         if not np.all(lower <= upper):
-            return np.zeros(3), np.ones(3, np.int64)
-        shape = np.floor((upper - lower) / self._reach).astype(np.int64) + 1
+            return np.zeros(3), np.ones(3), np.ones(3, np.int64)
+        size = self._reach * np.array([1.0, 1.0, 0.25])
+        shape = np.floor((upper - lower) / size).astype(np.int64) + 1
         most = 8 * len(particles) + 64
         while shape.prod() > most:
-            shape[np.argmax(shape)] //= 2  # particles beyond the grid count to its last cells
-        return lower, shape
+            axis = np.argmax(shape)
+            shape[axis] = (shape[axis] + 1) // 2
+            size[axis] *= 2.0
+        return lower, size, shape

@@ -16,7 +16,7 @@ from parmps.components import floating_components
 from parmps.kernels import density, gradient, poisson, shifting, velocity
 from parmps.particles import DUMMY, FLUID, WALL
 
-VOLUME_EVERY = 5
+VOLUME_EVERY = 10
 """Steps between two measurements of the volume error, which changes slowly."""
 
 

@@ -15,8 +15,8 @@ def sort_into_cells(position, lower, size, shape):
     position : (n, 3) float64, m
     lower : (3,) float64, m
         Lower corner of the grid; particles outside are put into the nearest cell.
-    size : float
-        Edge of a cell, m.
+    size : (3,) float64, m
+        Edges of a cell.
     shape : (3,) int64
         Number of cells along each axis.
 
@@ -33,7 +33,7 @@ def sort_into_cells(position, lower, size, shape):
     for i in range(n):
         c = 0
         for d in range(3):
-            k = int((position[i, d] - lower[d]) / size)
+            k = int((position[i, d] - lower[d]) / size[d])
             c = c * shape[d] + min(max(k, 0), shape[d] - 1)
         cell[i] = c
         start[c + 1] += 1
@@ -48,7 +48,7 @@ def sort_into_cells(position, lower, size, shape):
 
 
 @compiled
-def find_pairs(position, kind, normal, rows, reach, lower, shape, solids, wall_pairs, first, other):
+def find_pairs(position, kind, normal, rows, reach, lower, size, shape, solids, wall_pairs, first, other):
     """List the neighbours of the first ``rows`` particles.
 
     A wall particle is seen only from the side that its normal points to, and no pair reaches through a solid,
@@ -65,8 +65,10 @@ def find_pairs(position, kind, normal, rows, reach, lower, shape, solids, wall_p
         Number of particles to find neighbours for: fluid, then walls.
     reach : float
         Greatest distance of a pair, m.
-    lower, shape
-        The cell grid, of edge ``reach``; as in `sort_into_cells`.
+    lower, size, shape
+        The cell grid, as in `sort_into_cells`; edges along x and y are not less than ``reach``. Along z, where
+        cells that follow each other are one stretch of the sorted particles, short edges cost nothing and
+        leave fewer candidates.
     solids : (m, 2, 3) float64, m
         Corners of the baffles.
     wall_pairs : bool
@@ -81,7 +83,7 @@ def find_pairs(position, kind, normal, rows, reach, lower, shape, solids, wall_p
     int
         Number of pairs, or -1 where the capacity does not suffice.
     """
-    start, order = sort_into_cells(position, lower, reach, shape)
+    start, order = sort_into_cells(position, lower, size, shape)
     n = order.shape[0]
     sx, sy, sz = np.empty(n), np.empty(n), np.empty(n)
     solid = np.empty(n, np.bool_)
@@ -99,10 +101,10 @@ def find_pairs(position, kind, normal, rows, reach, lower, shape, solids, wall_p
             first[i + 1] = count
             continue
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
-        cx = min(max(int((x - lower[0]) / reach), 0), shape[0] - 1)
-        cy = min(max(int((y - lower[1]) / reach), 0), shape[1] - 1)
-        cz = min(max(int((z - lower[2]) / reach), 0), shape[2] - 1)
-        low, high = max(cz - 1, 0), min(cz + 2, shape[2])
+        cx = min(max(int((x - lower[0]) / size[0]), 0), shape[0] - 1)
+        cy = min(max(int((y - lower[1]) / size[1]), 0), shape[1] - 1)
+        low = min(max(int((z - lower[2] - reach) / size[2]), 0), shape[2] - 1)
+        high = min(max(int((z - lower[2] + reach) / size[2]), 0), shape[2] - 1) + 1
         begin = count
         walls = kind[i] != 0
         for a in range(max(cx - 1, 0), min(cx + 2, shape[0])):
