@@ -8,6 +8,7 @@ from parmps.kernels.weight import lattice
 from parmps.motion import Motion
 from parmps.particles import DUMMY, FIELDS, FLUID, WALL
 from parmps.simulation import HALO_MARGIN, STEADY_STEP, VISCOUS_STEP, Work, wall_layers
+from parmps.slabs import output_errors
 from parmps.stages import make_plan
 from parmps.tank import count_particles, place
 
@@ -279,7 +280,8 @@ def draw_plan(job, path):
     axes.legend(handles=patches, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
     axes.set(aspect="equal", xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x [m]", ylabel="z [m]")
     axes.set_title(job.title, loc="left")
-    figure.savefig(path, dpi=150)
+    with output_errors(path):
+        figure.savefig(path, dpi=150)
     pyplot.close(figure)
 
 
