@@ -15,7 +15,7 @@ from parmps.motion import Motion
 from parmps.neighbors import Pairs
 from parmps.particles import FLUID, OUT, Particles
 from parmps.pressure import Blocks, PressureSolver
-from parmps.stages import make_plan, pressure_gradient
+from parmps.stages import make_plan, pressure_gradient, smooth_density
 from parmps.tank import initial_velocity, place
 
 HALO_MARGIN = 0.8
@@ -115,7 +115,7 @@ class Simulation:
         self.lattice = lattice(job.dimension, scheme.radius)
         self.laplacian_lattice = lattice(job.dimension, scheme.laplacian_radius)
         self.wide_lattice = lattice(job.dimension, scheme.volume_radius)
-        self.surface_lean = _surface_lean(job.dimension, scheme.radius)
+        self.surface_lean = self.lattice.lean
         self.plan = make_plan(job, domain.size)
         self.solver = PressureSolver(domain.comm, scheme.ksp_rtol)
         reach = max(scheme.radius, scheme.laplacian_radius) * self.l0
@@ -420,18 +420,8 @@ class Simulation:
         -------
         float
         """
-        p, w = self.particles, self.work
-        self.wide_pairs.find(p)
-        density_kernels.smooth_density(
-            p.position, *self.wide_pairs.lists, self.l0, self.scheme.volume_radius, p.liquid, w.smooth
-        )
-        near = w.surface.copy()
-        for _ in range(math.ceil(self.scheme.volume_radius / self.scheme.radius)):
-            source = near.copy()
-            self.domain.exchange(source)
-            density_kernels.spread(source, *self.pairs.lists, p.liquid, near)
-        inside = near[: p.liquid] == 0
-        errors = self.wide_lattice.smooth_density / w.smooth[: p.liquid][inside] - 1.0
+        ratio, inside = smooth_density(self)
+        errors = 1.0 / ratio[inside] - 1.0
         total, count = self.domain.sum(np.array([errors.sum(), float(len(errors))]))
         return float(total / max(count, 1.0))
 
@@ -449,13 +439,3 @@ def wall_layers(scheme):
     """
     laplacian = scheme.laplacian_radius if scheme.surface == "ghost" else 0.0
     return max(3, math.ceil(max(scheme.radius, laplacian)))
-
-
-def _surface_lean(dimension, reach):
-    """Magnitude of sum W r / r^2 over the neighbours of a particle in a flat surface, in 1/spacings."""
-    steps = np.arange(-int(reach), int(reach) + 1, dtype=float)
-    points = np.stack(np.meshgrid(*[steps] * dimension, indexing="ij"), axis=-1).reshape(-1, dimension)
-    points = points[(points[:, -1] < 0.0) & (np.linalg.norm(points, axis=1) < reach)]
-    r = np.linalg.norm(points, axis=1)
-    w = reach / (0.85 * r + 0.15 * reach) - 1.0
-    return float(-(w * points[:, -1] / r**2).sum())

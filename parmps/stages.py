@@ -221,21 +221,32 @@ def measure_volume(sim):
 
     Near the surface, where the support is cut, there is none.
     """
-    p, s, w = sim.particles, sim.scheme, sim.work
+    p = sim.particles
     if sim.step_number % VOLUME_EVERY:
         return
+    ratio, inside = smooth_density(sim)
+    p.compression[: p.liquid] = np.where(inside, np.clip(ratio - 1.0, -0.05, 0.05), 0.0)
+
+
+def smooth_density(sim):
+    """Density of the liquid by the wide smooth weight, over that of the lattice.
+
+    Returns
+    -------
+    ratio : (liquid,) float64
+    inside : (liquid,) bool
+        Where the support is whole: away from the surface.
+    """
+    p, s, w = sim.particles, sim.scheme, sim.work
     sim.wide_pairs.find(p)
     density.smooth_density(p.position, *sim.wide_pairs.lists, sim.l0, s.volume_radius, p.liquid, w.smooth)
-    reference = sim.wide_lattice.smooth_density
     near = w.near
-    near[: p.liquid] = w.surface[: p.liquid]
-    layers = math.ceil(s.volume_radius / s.radius)
-    for _ in range(layers):
+    near[:] = w.surface
+    for _ in range(math.ceil(s.volume_radius / s.radius)):
         source = near.copy()
         sim.domain.exchange(source)
         density.spread(source, *sim.pairs.lists, p.liquid, near)
-    error = np.clip(w.smooth[: p.liquid] / reference - 1.0, -0.05, 0.05)
-    p.compression[: p.liquid] = np.where(near[: p.liquid] != 0, 0.0, error)
+    return w.smooth[: p.liquid] / sim.wide_lattice.smooth_density, near[: p.liquid] == 0
 
 
 # Explicit part

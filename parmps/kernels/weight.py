@@ -64,6 +64,8 @@ class Lattice(NamedTuple):
         Magnitude |F|0 of the asymmetry vector of a particle in a flat surface ([002] eq. 13).
     surface_density : float
         Number density of a particle in a flat surface, over n0.
+    lean : float
+        Magnitude of sum W r / r^2 over the neighbours of a particle in a flat surface.
     smooth_density : float
         Sum of ``smooth_weight``, the particle itself included.
     """
@@ -73,6 +75,7 @@ class Lattice(NamedTuple):
     neighbours: int
     asymmetry: float
     surface_density: float
+    lean: float
     smooth_density: float
 
 
@@ -105,5 +108,6 @@ def lattice(dimension, reach):
         neighbours=len(w),
         asymmetry=dimension / w.sum() * np.linalg.norm((w[below, None] * unit).sum(axis=0)),
         surface_density=w[below].sum() / w.sum(),
+        lean=np.linalg.norm((w[below, None] * unit / distance[below, None]).sum(axis=0)),
         smooth_density=1.0 + sum(smooth_weight.py_func(r, reach) for r in distance),
     )
