@@ -501,7 +501,7 @@ def move(sim):
         w.gradient,
         sim.l0,
         sim.surface_lean,
-        min(s.shifting * sim.activity, 0.2),
+        min(s.shifting * (sim.grid_number + sim.courant), 0.2),
         sim.dt,
         p.liquid,
     )
