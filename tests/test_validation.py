@@ -27,8 +27,8 @@ def measured(tmp_path):
     def measure(name, *overrides):
         case = validation.load_case(name)
         job = VALIDATION / name / "case.yaml"
-        if hasattr(case, "prepare"):
-            overrides += tuple(case.prepare(load_job(job, overrides), tmp_path))
+        state = validation.initial_state(case, load_job(job, overrides))
+        overrides = [*overrides, *validation.write_state(state, tmp_path)]
         run = Run(load_job(job, overrides), Domain(), tmp_path / "run")
         try:
             run.go()

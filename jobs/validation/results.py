@@ -2,7 +2,6 @@
 
 import json
 import sys
-from functools import cached_property
 from pathlib import Path
 
 import h5py
@@ -56,10 +55,15 @@ class Results:
         chosen = arrays["type"] == FLUID
         return {name: values[chosen] for name, values in arrays.items()}
 
-    @cached_property
-    def depth(self):
-        """Depth of the liquid, m."""
-        return sum(fluid.depth for fluid in self.job.fluids)
+    def first_mode(self):
+        """First mode of the elevation in each frame, from the centre of the liquid: (frames,) float64, m.
+
+        The elevation sum a_n cos(n pi x / L) moves the centre by -2 L / (pi^2 h) sum a_n / n^2 over odd n. Without
+        any definition of the surface, it gives a_1 + a_3 / 9 + a_5 / 25 + ...
+        """
+        length, depth = self.job.tank.length, self.job.fluids[0].depth
+        centre = np.array([self.liquid(time)["position"][:, 0].mean() for time in self.frames])
+        return (length / 2.0 - centre) * np.pi**2 * depth / (2.0 * length)
 
 
 def rms(values):

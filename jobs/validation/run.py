@@ -9,17 +9,16 @@ A case is a directory with ``case.yaml``, the job; ``README.md``; reference data
 - ``TARGETS``: by measure, the largest error of `accurate`, one for all spacings or one each, perhaps by variant;
   `balanced` is allowed 1.5 times as much;
 - ``measure(results)``: the errors of a run by name; ``plot(figure, runs)``: the picture;
-- ``prepare(job, directory)``: writes an initial state, returns what ``--set`` needs (optional).
+- ``initial(job)``: position and velocity of the liquid at the start, (n, 3), or None for those of the job (optional).
 
 A run is kept in out/validation until the code, the job or its settings change, so that a stopped validation goes on
 where it was. Each case's part of the report is <case>/results.md, from all of its runs that are kept; together they
-are jobs/validation/results.md. Runs are on one rank; CPU-seconds are those of the time loop, without start-up and compilation.
+are jobs/validation/results.md. Runs are on one rank; CPU-seconds are those of the time loop, without the start-up.
 """
 
 import argparse
 import hashlib
 import importlib.util
-import inspect
 import json
 import math
 import os
@@ -38,6 +37,7 @@ ALLOWANCE = {"accurate": 1.0, "balanced": 1.5}
 
 sys.path[:0] = [str(ROOT), str(HERE)]
 
+import h5py  # noqa: E402
 import matplotlib  # noqa: E402
 
 matplotlib.use("Agg")
@@ -73,6 +73,42 @@ def code_key():
     return digest.hexdigest()
 
 
+def initial_state(case, job):
+    """Position and velocity that a case wants at the start; empty for those of the job.
+
+    Parameters
+    ----------
+    case : module
+    job : parmps.scene.Job
+
+    Returns
+    -------
+    tuple of (n, 3) float64
+    """
+    return (case.initial(job) if hasattr(case, "initial") else None) or ()
+
+
+def write_state(state, directory):
+    """Write an initial state into a directory.
+
+    Parameters
+    ----------
+    state : tuple of (n, 3) float64
+        As returned by `initial_state`.
+    directory : Path
+
+    Returns
+    -------
+    list of str
+        What ``--set`` needs.
+    """
+    if not state:
+        return []
+    with h5py.File(directory / "state.h5", "w") as file:
+        file["position"], file["velocity"] = state
+    return [f"initial={{kind: file, path: {directory / 'state.h5'}}}"]
+
+
 class Kept:
     """A run of a case, kept in a directory together with the key of what it was run from.
 
@@ -91,9 +127,8 @@ class Kept:
         self.directory = OUT / name / "-".join(filter(None, [variant, preset, f"{spacing:g}"]))
         self.job = HERE / name / "case.yaml"
         self.overrides = [f"spacing={spacing:g}", f"scheme.preset={preset}", *variants(case)[variant]]
-        sources = [self.job.read_bytes(), repr(self.overrides).encode()]
-        if hasattr(case, "prepare"):
-            sources.append(inspect.getsource(case).encode())
+        self.state = initial_state(case, load_job(self.job, self.overrides))
+        sources = [self.job.read_bytes(), repr(self.overrides).encode(), *(array.tobytes() for array in self.state)]
         self.key = hashlib.sha256(b"".join([code_key().encode(), *sources])).hexdigest()
 
     @property
@@ -107,9 +142,7 @@ class Kept:
         """Run it, for so many seconds at most."""
         shutil.rmtree(self.directory, ignore_errors=True)
         self.directory.mkdir(parents=True)
-        overrides = self.overrides
-        if hasattr(self.case, "prepare"):
-            overrides = overrides + self.case.prepare(load_job(self.job, overrides), self.directory)
+        overrides = self.overrides + write_state(self.state, self.directory)
         command = [sys.executable, "-m", "parmps", self.job, "--out", self.directory]
         command += [f"--set={override}" for override in overrides]
         print(f"{self.directory.relative_to(OUT)} ...", end=" ", flush=True)
@@ -222,9 +255,9 @@ def _orders(case, names, measures):
     lines = []
     for variant in variants(case):
         for preset in PRESETS:
-            mine = {run: found for run, (found, _) in measures.items() if (run.variant, run.preset) == (variant, preset)}
+            mine = [run for run in measures if (run.variant, run.preset) == (variant, preset)]
             orders = {
-                key: observed_order([run.spacing for run in mine], [found.get(key) for found in mine.values()])
+                key: observed_order([run.spacing for run in mine], [measures[run][0].get(key) for run in mine])
                 for key in names
                 if key in getattr(case, "TARGETS", {})
             }

@@ -17,6 +17,8 @@ REFERENCE = {
         ("Martin & Moyce 1.125 in", "martin_moyce_small.csv"),
     )
 }
+REACH = 9.5
+"""Widths of the column up to which the record is used: the tank ends at 10."""
 TARGETS = {"Koshizuka & Oka [%]": 3.0, "Martin & Moyce 2.25 in [%]": 3.0}
 
 
@@ -38,7 +40,7 @@ def measure(results):
     time, reached = history(results)
     found = {}
     for name, record in REFERENCE.items():
-        record = record[record[:, 0] <= time[-1]]
+        record = record[record[:, 1] < REACH]
         delays = np.arange(0.0, 0.6, 0.01)
         errors = [rms(np.interp(record[:, 0] - d, time, reached) - record[:, 1]) / rms(record[:, 1]) for d in delays]
         found[f"{name} [%]"] = 100.0 * errors[0]

@@ -1,6 +1,5 @@
 """Water at rest against hydrostatics."""
 
-import h5py
 import numpy as np
 from results import rms
 
@@ -12,7 +11,10 @@ VARIANTS = {
     "baffle": ["tank.baffles=[{x: 0.15, bottom: 0.0, top: 0.15, thickness: 0.02}]"],
     "tilted": ["motion=[{kind: file, path: tilt.csv}]"],
     "3D": [
-        "dimension=3", "tank.size=[0.2, 0.1, 0.4]", "time.end=5", "probes=[{name: level1, kind: elevation, at: [0.1, 0.05]}]"
+        "dimension=3",
+        "tank.size=[0.2, 0.1, 0.4]",
+        "time.end=5",
+        "probes=[{name: level1, kind: elevation, at: [0.1, 0.05]}]",
     ],
 }
 _WITHIN = {"plain": 1.0, "3D": 1.0, "baffle": 2.0, "tilted": 2.0}
@@ -35,18 +37,16 @@ def level_plane(job):
     return up, up @ [length / 2, 0.0, depth]
 
 
-def prepare(job, directory):
+def initial(job):
     """In the tilted tank, liquid below the level surface on the lattice of the walls."""
     if not job.motion:
-        return []
+        return None
     count = np.rint(np.array(job.tank.size) / job.spacing).astype(int)
     x, z = np.meshgrid(*((np.arange(n) + 0.5) * job.spacing for n in count), indexing="ij")
     position = np.stack([x, 0.0 * x, z], axis=-1).reshape(-1, 3)
     up, level = level_plane(job)
     position = position[position @ up < level]
-    with h5py.File(directory / "state.h5", "w") as file:
-        file["position"], file["velocity"] = position, np.zeros_like(position)
-    return [f"initial={{kind: file, path: {directory / 'state.h5'}}}"]
+    return position, np.zeros_like(position)
 
 
 def _errors(results):
