@@ -119,14 +119,17 @@ class Kept:
     variant, preset : str
     spacing : float
         m.
+    change : str, optional
+        One more setting, as for ``--set``.
     """
 
-    def __init__(self, name, case, variant, preset, spacing):
+    def __init__(self, name, case, variant, preset, spacing, change=""):
         self.name, self.case = name, case
-        self.variant, self.preset, self.spacing = variant, preset, spacing
-        self.directory = OUT / name / "-".join(filter(None, [variant, preset, f"{spacing:g}"]))
+        self.variant, self.preset, self.spacing, self.change = variant, preset, spacing, change
+        self.directory = OUT / name / "-".join(filter(None, [variant, preset, f"{spacing:g}", change]))
         self.job = HERE / name / "case.yaml"
         self.overrides = [f"spacing={spacing:g}", f"scheme.preset={preset}", *variants(case)[variant]]
+        self.overrides += [change] if change else []
         self.state = initial_state(case, load_job(self.job, self.overrides))
         sources = [self.job.read_bytes(), repr(self.overrides).encode(), *(array.tobytes() for array in self.state)]
         self.key = hashlib.sha256(b"".join([code_key().encode(), *sources])).hexdigest()
