@@ -405,7 +405,11 @@ def solve_pressure(sim):
         w.rhs,
     )
     if sim.check_floating():
-        sim.floating = floating_components(sim.domain, sim.column, blocks, w.surface[: p.rows])
+        held = w.surface[: p.rows]
+        if s.surface == "dirichlet":  # their links are eliminated, so that the next ones hold the rest
+            held = np.empty_like(held)
+            density.spread(w.surface, *sim.pairs.lists, p.rows, held)
+        sim.floating = floating_components(sim.domain, sim.column, blocks, held)
     sim.floating.fix(sim.domain, blocks, w.rhs)
     p.pressure[: p.rows] = sim.solver.solve(blocks, w.rhs, p.pressure[: p.rows])
     sim.floating.level(sim.domain, p.pressure[: p.rows])
