@@ -210,13 +210,13 @@ class Simulation:
         self.started = True
         p = self.particles
         velocity = p.velocity[: p.liquid].copy()
-        if not self.plan.solve or self.domain.max(float(np.abs(velocity).max(initial=0.0))) == 0.0:
+        if self.domain.max(float(np.abs(velocity).max(initial=0.0))) == 0.0:
             return
         self.choose_step(self.job.time.max_step or self.job.output.probes_every)
         self.frame = self.frame._replace(
             force=np.zeros(3), alpha=np.zeros(3), omega=np.zeros(3)
         )
-        for stage in self.plan.solve:
+        for stage in self.plan.project:
             stage.run(self)
         pressure_gradient(self)
         p.velocity[: p.liquid] = velocity - self.dt * p.acceleration[: p.liquid]

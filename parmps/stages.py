@@ -47,12 +47,15 @@ class Plan(NamedTuple):
 
     Attributes
     ----------
+    project : list of Stage
+        Those that lead to the pressure which an impulsive start needs, once.
     solve, move : list of Stage
         Those that lead to the pressure, after which results are written, and those that move the liquid.
     left_out : list of (str, str)
         Names of stages that the scene does not need, and why.
     """
 
+    project: list
     solve: list
     move: list
     left_out: list
@@ -91,21 +94,24 @@ def make_plan(job, ranks):
         "collision_distance is 0",
     )
     if scheme.position == "moved":
-        explicit = [Stage("body force", "gravity and the tank's motion", add_body_force_to_liquid)]
+        projection = [
+            *halo,
+            *search,
+            Stage("density", "density error and free surface", measure_density),
+            Stage("divergence", "source of the pressure equation", measure_divergence),
+            Stage("pressure", "incompressibility", solve_pressure),
+        ]
         return Plan(
+            projection,
             [],
             [
                 *halo,
                 *search,
-                *explicit,
+                Stage("body force", "gravity and the tank's motion", add_body_force_to_liquid),
                 *viscosity,
                 *contact,
                 Stage("explicit move", "the papers solve the pressure at the moved position", move_explicitly),
-                *halo,
-                *search,
-                Stage("density", "density error and free surface", measure_density),
-                Stage("divergence", "source of the pressure equation", measure_divergence),
-                Stage("pressure", "incompressibility", solve_pressure),
+                *projection,
                 Stage("correction", "pressure gradient moves the liquid", correct),
             ],
             left_out,
@@ -117,18 +123,20 @@ def make_plan(job, ranks):
         measure_volume,
         "volume_time is null",
     )
+    solve = [
+        *halo,
+        *search,
+        Stage("density", "moments of the neighbourhood and free surface", measure_density),
+        *volume,
+        Stage("body force", "gravity and the tank's motion, balanced in the pressure equation", predict),
+        *viscosity,
+        *contact,
+        Stage("divergence", "source of the pressure equation", measure_divergence),
+        Stage("pressure", "incompressibility", solve_pressure),
+    ]
     return Plan(
-        [
-            *halo,
-            *search,
-            Stage("density", "moments of the neighbourhood and free surface", measure_density),
-            *volume,
-            Stage("body force", "gravity and the tank's motion, balanced in the pressure equation", predict),
-            *viscosity,
-            *contact,
-            Stage("divergence", "source of the pressure equation", measure_divergence),
-            Stage("pressure", "incompressibility", solve_pressure),
-        ],
+        solve,
+        solve,
         [
             Stage("gradient", "pressure gradient and damping of grid noise", accelerate),
             Stage("move", "new positions, with shifting towards even spacing", move),
@@ -510,8 +518,12 @@ def move(sim):
 
 
 def correct(sim):
-    """V = v* - dt grad P / rho, r = r* - dt^2 grad P / rho ([004] eqs. 13 and 14)."""
+    """V = v* - dt grad P / rho, r = r* - dt^2 grad P / rho ([004] eqs. 13 and 14).
+
+    Suction is left out, as most MPS codes do: with P_j + P_i it pulls particles together until the run blows up.
+    """
     p = sim.particles
+    np.maximum(p.pressure, 0.0, out=p.pressure)
     pressure_gradient(sim)
     liquid = slice(0, p.liquid)
     p.velocity[liquid] -= sim.dt * p.acceleration[liquid]
