@@ -28,6 +28,8 @@ SORT_EVERY = 400
 """Steps after which particles are sorted again for the sake of the caches."""
 STEADY_STEP = 0.25
 """Bound of the step by the body force f: dt <= 0.25 sqrt(l0 / f)."""
+WAVE_STEP = 0.2
+"""Bound of the step by the liquid's head f h where it moves before its pressure is known: dt <= 0.2 l0 / sqrt(f h)."""
 VISCOUS_STEP = 0.2
 """Bound of the step by viscosity: dt <= 0.2 l0^2 / nu."""
 
@@ -317,6 +319,8 @@ class Simulation:
             bounds.append(control.cfl * self.l0 / speed)
         if force > 0.0:
             bounds.append(STEADY_STEP * math.sqrt(self.l0 / force))
+        if self.scheme.position == "moved":
+            bounds.append(WAVE_STEP * self.l0 / math.sqrt(max(self._head(), 1e-300)))
         if "viscosity" in self.seconds:
             bounds.append(VISCOUS_STEP * self.l0**2 / self.viscosity)
         left = until - self.time
@@ -328,6 +332,13 @@ class Simulation:
         self.activity = self.grid_number + 0.2 * self.courant
         # Two particles of different ranks may approach each other, and move once more before the next look.
         self._stale = 2.0 * (moved + speed * self.dt) > HALO_MARGIN * self.l0
+
+    def _head(self):
+        """Greatest difference of the body force's potential in the liquid, m2/s2: f h of a depth h."""
+        p = self.particles
+        potential = p.position[: p.liquid] @ self.frame.force
+        ends = [potential.max(initial=-math.inf), (-potential).max(initial=-math.inf)]
+        return float(np.sum(self.domain.max(np.array(ends))))
 
     def solve(self):
         """Find the pressure at the present time."""
