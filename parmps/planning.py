@@ -7,7 +7,7 @@ import numpy as np
 from parmps.kernels.weight import lattice
 from parmps.motion import Motion
 from parmps.particles import DUMMY, FIELDS, FLUID, WALL
-from parmps.simulation import HALO_MARGIN, STEADY_STEP, VISCOUS_STEP, WAVE_STEP, Work, wall_layers
+from parmps.simulation import HALO_MARGIN, IMPLICIT_GAIN, STEADY_STEP, VISCOUS_STEP, WAVE_STEP, Work, wall_layers
 from parmps.slabs import output_errors
 from parmps.stages import make_plan
 from parmps.tank import count_particles, place
@@ -178,7 +178,9 @@ def _bound(job, spacing, force, speed):
         bounds.append((WAVE_STEP * spacing / wave, f"explicit move: {WAVE_STEP:g} l0/sqrt(f h)"))
     plan = make_plan(job, 1)
     if any(stage.name == "viscosity" for stage in (*plan.solve, *plan.move)):
-        bounds.append((VISCOUS_STEP * spacing**2 / viscosity, f"viscosity: {VISCOUS_STEP:g} l0^2/nu"))
+        explicit = VISCOUS_STEP * spacing**2 / viscosity
+        if min(bounds)[0] <= IMPLICIT_GAIN * explicit:
+            bounds.append((explicit, f"viscosity: {VISCOUS_STEP:g} l0^2/nu"))
     step, bound = min(bounds)
     every = job.output.probes_every  # reached in a whole number of steps
     return every / math.ceil(every / step * (1.0 - 1e-9)), bound

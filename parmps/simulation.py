@@ -14,7 +14,7 @@ from parmps.kernels.weight import lattice
 from parmps.motion import Motion
 from parmps.neighbors import Pairs
 from parmps.particles import FLUID, OUT, Particles
-from parmps.pressure import Blocks, PressureSolver
+from parmps.pressure import Blocks, PressureSolver, VelocitySolver
 from parmps.stages import make_plan, pressure_gradient, smooth_density
 from parmps.tank import initial_velocity, place
 
@@ -31,7 +31,9 @@ STEADY_STEP = 0.25
 WAVE_STEP = 0.2
 """Bound of the step by the liquid's head f h where it moves before its pressure is known: dt <= 0.2 l0 / sqrt(f h)."""
 VISCOUS_STEP = 0.2
-"""Bound of the step by viscosity: dt <= 0.2 l0^2 / nu."""
+"""Bound of the step by explicit viscosity: dt <= 0.2 l0^2 / nu."""
+IMPLICIT_GAIN = 1.5
+"""How much longer the step must get for the implicit viscous step, which costs about half of another step, to pay."""
 
 
 COUNTERS = (
@@ -96,6 +98,8 @@ class Simulation:
     courant, grid_number, activity : float
         Time step in the units that shifting and damping refer to: u dt / l0 with the greatest speed u,
         sqrt(f / l0) dt with the body force f, and the latter plus a fifth of the former.
+    implicit : bool
+        Whether the viscous step is implicit, so that it does not bound the time step.
     contacts, put_back : int
         Of this rank: contacts of close particles, particles put back from walls.
     """
@@ -119,7 +123,9 @@ class Simulation:
         self.wide_lattice = lattice(job.dimension, scheme.volume_radius)
         self.surface_lean = self.lattice.lean
         self.plan = make_plan(job, domain.size)
+        self.seconds = {stage.name: 0.0 for stage in (*self.plan.solve, *self.plan.move)}
         self.solver = PressureSolver(domain.comm, scheme.ksp_rtol)
+        self.velocity_solver = VelocitySolver(domain.comm) if "viscosity" in self.seconds else None
         reach = max(scheme.radius, scheme.laplacian_radius) * self.l0
         moved = scheme.position == "moved"
         self.pairs = Pairs(reach, self.geometry.boxes, wall_pairs=moved)
@@ -136,6 +142,7 @@ class Simulation:
         self.time, self.step_number, self.dt = 0.0, 0, 0.0
         self.frame = self.motion.at(0.0)
         self.courant = self.grid_number = self.activity = 0.0
+        self.implicit = False
         self.contacts = self.put_back = 0
         self.left = []
         self.largest_kinetic = 0.0
@@ -143,7 +150,6 @@ class Simulation:
         self.iterations, self.iterations_max = 0, 0
         self.step_min, self.step_max = math.inf, 0.0
         self.floating = Floating(np.full(0, -1), 0)
-        self.seconds = {stage.name: 0.0 for stage in (*self.plan.solve, *self.plan.move)}
         self.started = False
         self.distribute()
         self.initial_energy = self.kinetic_energy()
@@ -162,6 +168,8 @@ class Simulation:
         p = self.particles
         self._first_row = self.domain.first_of(p.rows)
         self.solver.new_layout(p.rows)
+        if self.velocity_solver is not None:
+            self.velocity_solver.new_layout(p.rows)
         self._sorted_at = self.step_number
         self._check_floating = True
         self.rebuild_halo()
@@ -321,9 +329,12 @@ class Simulation:
             bounds.append(STEADY_STEP * math.sqrt(self.l0 / force))
         if self.scheme.position == "moved":
             bounds.append(WAVE_STEP * self.l0 / math.sqrt(max(self._head(), 1e-300)))
-        if "viscosity" in self.seconds:
-            bounds.append(VISCOUS_STEP * self.l0**2 / self.viscosity)
         left = until - self.time
+        if "viscosity" in self.seconds:
+            explicit = VISCOUS_STEP * self.l0**2 / self.viscosity
+            self.implicit = min(*bounds, left) > IMPLICIT_GAIN * explicit
+            if not self.implicit:
+                bounds.append(explicit)
         steps = max(math.ceil(left / min(bounds) * (1.0 - 1e-9)), 1)
         self.dt = left / steps
         self._end_of_step = until if steps == 1 else self.time + self.dt
@@ -400,6 +411,12 @@ class Simulation:
         self.started = True
         self.particles = Particles(snapshot["arrays"])
         self.distribute()
+
+    def close(self):
+        """Free the solvers."""
+        self.solver.close()
+        if self.velocity_solver is not None:
+            self.velocity_solver.close()
 
     # Sums over the liquid
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from parmps.components import floating_components
-from parmps.kernels import density, gradient, poisson, shifting, velocity
+from parmps.kernels import density, gradient, poisson, shifting, velocity, viscosity
 from parmps.particles import DUMMY, FLUID, WALL
 
 VOLUME_EVERY = 10
@@ -123,20 +123,15 @@ def make_plan(job, ranks):
         measure_volume,
         "volume_time is null",
     )
-    solve = [
-        *halo,
-        *search,
-        Stage("density", "moments of the neighbourhood and free surface", measure_density),
-        *volume,
-        Stage("body force", "gravity and the tank's motion, balanced in the pressure equation", predict),
-        *viscosity,
-        *contact,
+    moments = Stage("density", "moments of the neighbourhood and free surface", measure_density)
+    force = Stage("body force", "gravity and the tank's motion, balanced in the pressure equation", predict)
+    pressure = [
         Stage("divergence", "source of the pressure equation", measure_divergence),
         Stage("pressure", "incompressibility", solve_pressure),
     ]
     return Plan(
-        solve,
-        solve,
+        [*halo, *search, moments, force, *pressure],
+        [*halo, *search, moments, *volume, force, *viscosity, *contact, *pressure],
         [
             Stage("gradient", "pressure gradient and damping of grid noise", accelerate),
             Stage("move", "new positions, with shifting towards even spacing", move),
@@ -287,25 +282,20 @@ def add_body_force_to_liquid(sim):
 
 
 def add_viscosity(sim):
-    """Add the viscous change of velocity."""
-    p, s = sim.particles, sim.scheme
-    velocity.add_viscosity(
-        p.position,
-        p.velocity,
-        p.kind,
-        p.normal,
-        p.depth,
-        sim.viscosity,
-        *sim.pairs.lists,
-        sim.l0,
-        s.radius,
-        sim.lattice.density,
-        sim.lattice.lam,
-        sim.dimension,
-        sim.dt,
-        p.liquid,
-        sim.work.intermediate,
+    """Add the viscous change of velocity: explicit, or implicit where the explicit one needs shorter steps."""
+    p, s, w, lat = sim.particles, sim.scheme, sim.work, sim.lattice
+    operator = (*sim.pairs.lists, sim.l0, s.radius, lat.density, lat.lam, sim.dimension)
+    walls = (p.kind, p.normal, p.depth)
+    if not sim.implicit:
+        velocity.add_viscosity(
+            p.position, p.velocity, *walls, sim.viscosity, *operator, sim.dt, p.liquid, w.intermediate
+        )
+        return
+    blocks = sim.blocks()
+    viscosity.viscosity_rows(
+        p.position, *walls, sim.dt * sim.viscosity, sim.column, *operator, *blocks.arrays
     )
+    sim.velocity_solver.solve(blocks, w.intermediate[: p.rows], (0, 1, 2) if sim.dimension == 3 else (0, 2))
 
 
 def add_contacts(sim):
@@ -379,7 +369,8 @@ def measure_divergence(sim):
         w.source[:rows] = (1.0 - s.gamma) * trace / sim.dt - s.gamma * (over - 1.0) / sim.dt**2
         return
     if s.volume_time is not None:
-        trace = trace - p.compression[:rows] / s.volume_time
+        # no faster than it is measured, or long steps would overshoot
+        trace = trace - p.compression[:rows] / max(s.volume_time, 2.0 * VOLUME_EVERY * sim.dt)
     share = min(s.separation * (sim.grid_number + sim.courant), 0.2)
     trace = trace - share * np.maximum(over - s.overdensity, 0.0) / sim.dt
     w.source[:rows] = trace / sim.dt
