@@ -11,13 +11,14 @@ export OPENBLAS_NUM_THREADS := 1
 export OMPI_ALLOW_RUN_AS_ROOT := 1
 export OMPI_ALLOW_RUN_AS_ROOT_CONFIRM := 1
 
-.PHONY: help setup setup-test run test lint bench validate
+.PHONY: help setup setup-test run test lint bench extremes validate
 
 help:
 	@echo "make run        run jobs/sloshing.yaml on 2 ranks"
 	@echo "make test       run all tests, on 1 to 4 ranks"
 	@echo "make lint       check the code's style"
 	@echo "make bench      measure the speed (jobs/benchmarks)"
+	@echo "make extremes   find out where it breaks (jobs/extremes)"
 	@echo "make validate   compare with experiments and theory (jobs/validation)"
 	@echo "make setup      only set up; every other target does so when needed"
 
@@ -41,3 +42,6 @@ bench: setup
 
 validate: setup
 	$(python) jobs/validation/run.py
+
+extremes: setup
+	$(python) jobs/extremes/run.py
