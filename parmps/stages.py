@@ -124,14 +124,25 @@ def make_plan(job, ranks):
         "volume_time is null",
     )
     moments = Stage("density", "moments of the neighbourhood and free surface", measure_density)
-    force = Stage("body force", "gravity and the tank's motion, balanced in the pressure equation", predict)
-    pressure = [
-        Stage("divergence", "source of the pressure equation", measure_divergence),
-        Stage("pressure", "incompressibility", solve_pressure),
-    ]
     return Plan(
-        [*halo, *search, moments, force, *pressure],
-        [*halo, *search, moments, *volume, force, *viscosity, *contact, *pressure],
+        [
+            *halo,
+            *search,
+            moments,
+            Stage("impulse", "walls stop the initial velocity at once", balance_impulse),
+            Stage("pressure", "incompressibility", solve_pressure),
+        ],
+        [
+            *halo,
+            *search,
+            moments,
+            *volume,
+            Stage("body force", "gravity and the tank's motion, balanced in the pressure equation", predict),
+            *viscosity,
+            *contact,
+            Stage("divergence", "source of the pressure equation", measure_divergence),
+            Stage("pressure", "incompressibility", solve_pressure),
+        ],
         [
             Stage("gradient", "pressure gradient and damping of grid noise", accelerate),
             Stage("move", "new positions, with shifting towards even spacing", move),
@@ -268,6 +279,16 @@ def predict(sim):
     velocity.predict_acceleration(p.acceleration, w.force, 0.0 if sim.step_number == 0 else limit, w.link_force)
     w.intermediate[:] = p.velocity + sim.dt * (w.force - w.link_force)
     w.intermediate[p.kind != FLUID] = 0.0
+
+
+def balance_impulse(sim):
+    """Take the initial velocity as a body force over one step, so that pressure balances it link by link.
+
+    A whole tank's jolt is then stopped exactly.
+    """
+    w = sim.work
+    w.force[:] = w.link_force[:] = sim.particles.velocity / sim.dt
+    w.source[:] = 0.0
 
 
 def add_body_force_to_liquid(sim):
