@@ -303,8 +303,8 @@ class Run:
 
 
     def close(self):
-        """Close all files and free the solver."""
-        self.simulation.solver.close()
+        """Close all files and free the solvers."""
+        self.simulation.close()
         self.particle_file.close()
         if self.main:
             self.table.close()

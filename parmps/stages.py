@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from parmps.components import floating_components
-from parmps.kernels import density, gradient, poisson, shifting, velocity
+from parmps.kernels import density, gradient, poisson, shifting, velocity, viscosity
 from parmps.particles import DUMMY, FLUID, WALL
 
 VOLUME_EVERY = 10
@@ -47,12 +47,15 @@ class Plan(NamedTuple):
 
     Attributes
     ----------
+    project : list of Stage
+        Those that lead to the pressure which an impulsive start needs, once.
     solve, move : list of Stage
         Those that lead to the pressure, after which results are written, and those that move the liquid.
     left_out : list of (str, str)
         Names of stages that the scene does not need, and why.
     """
 
+    project: list
     solve: list
     move: list
     left_out: list
@@ -91,21 +94,24 @@ def make_plan(job, ranks):
         "collision_distance is 0",
     )
     if scheme.position == "moved":
-        explicit = [Stage("body force", "gravity and the tank's motion", add_body_force_to_liquid)]
+        projection = [
+            *halo,
+            *search,
+            Stage("density", "density error and free surface", measure_density),
+            Stage("divergence", "source of the pressure equation", measure_divergence),
+            Stage("pressure", "incompressibility", solve_pressure),
+        ]
         return Plan(
+            projection,
             [],
             [
                 *halo,
                 *search,
-                *explicit,
+                Stage("body force", "gravity and the tank's motion", add_body_force_to_liquid),
                 *viscosity,
                 *contact,
                 Stage("explicit move", "the papers solve the pressure at the moved position", move_explicitly),
-                *halo,
-                *search,
-                Stage("density", "density error and free surface", measure_density),
-                Stage("divergence", "source of the pressure equation", measure_divergence),
-                Stage("pressure", "incompressibility", solve_pressure),
+                *projection,
                 Stage("correction", "pressure gradient moves the liquid", correct),
             ],
             left_out,
@@ -117,11 +123,19 @@ def make_plan(job, ranks):
         measure_volume,
         "volume_time is null",
     )
+    moments = Stage("density", "moments of the neighbourhood and free surface", measure_density)
     return Plan(
         [
             *halo,
             *search,
-            Stage("density", "moments of the neighbourhood and free surface", measure_density),
+            moments,
+            Stage("impulse", "walls stop the initial velocity at once", balance_impulse),
+            Stage("pressure", "incompressibility", solve_pressure),
+        ],
+        [
+            *halo,
+            *search,
+            moments,
             *volume,
             Stage("body force", "gravity and the tank's motion, balanced in the pressure equation", predict),
             *viscosity,
@@ -267,6 +281,16 @@ def predict(sim):
     w.intermediate[p.kind != FLUID] = 0.0
 
 
+def balance_impulse(sim):
+    """Take the initial velocity as a body force over one step, so that pressure balances it link by link.
+
+    A whole tank's jolt is then stopped exactly.
+    """
+    w = sim.work
+    w.force[:] = w.link_force[:] = sim.particles.velocity / sim.dt
+    w.source[:] = 0.0
+
+
 def add_body_force_to_liquid(sim):
     """v* = v + dt f."""
     p, w = sim.particles, sim.work
@@ -279,25 +303,20 @@ def add_body_force_to_liquid(sim):
 
 
 def add_viscosity(sim):
-    """Add the viscous change of velocity."""
-    p, s = sim.particles, sim.scheme
-    velocity.add_viscosity(
-        p.position,
-        p.velocity,
-        p.kind,
-        p.normal,
-        p.depth,
-        sim.viscosity,
-        *sim.pairs.lists,
-        sim.l0,
-        s.radius,
-        sim.lattice.density,
-        sim.lattice.lam,
-        sim.dimension,
-        sim.dt,
-        p.liquid,
-        sim.work.intermediate,
+    """Add the viscous change of velocity: explicit, or implicit where the explicit one needs shorter steps."""
+    p, s, w, lat = sim.particles, sim.scheme, sim.work, sim.lattice
+    operator = (*sim.pairs.lists, sim.l0, s.radius, lat.density, lat.lam, sim.dimension)
+    walls = (p.kind, p.normal, p.depth)
+    if not sim.implicit:
+        velocity.add_viscosity(
+            p.position, p.velocity, *walls, sim.viscosity, *operator, sim.dt, p.liquid, w.intermediate
+        )
+        return
+    blocks = sim.blocks()
+    viscosity.viscosity_rows(
+        p.position, *walls, sim.dt * sim.viscosity, sim.column, *operator, *blocks.arrays
     )
+    sim.velocity_solver.solve(blocks, w.intermediate[: p.rows], (0, 1, 2) if sim.dimension == 3 else (0, 2))
 
 
 def add_contacts(sim):
@@ -371,7 +390,8 @@ def measure_divergence(sim):
         w.source[:rows] = (1.0 - s.gamma) * trace / sim.dt - s.gamma * (over - 1.0) / sim.dt**2
         return
     if s.volume_time is not None:
-        trace = trace - p.compression[:rows] / s.volume_time
+        # no faster than it is measured, or long steps would overshoot
+        trace = trace - p.compression[:rows] / max(s.volume_time, 2.0 * VOLUME_EVERY * sim.dt)
     share = min(s.separation * (sim.grid_number + sim.courant), 0.2)
     trace = trace - share * np.maximum(over - s.overdensity, 0.0) / sim.dt
     w.source[:rows] = trace / sim.dt
@@ -405,7 +425,11 @@ def solve_pressure(sim):
         w.rhs,
     )
     if sim.check_floating():
-        sim.floating = floating_components(sim.domain, sim.column, blocks, w.surface[: p.rows])
+        held = w.surface[: p.rows]
+        if s.surface == "dirichlet":  # their links are eliminated, so that the next ones hold the rest
+            held = np.empty_like(held)
+            density.spread(w.surface, *sim.pairs.lists, p.rows, held)
+        sim.floating = floating_components(sim.domain, sim.column, blocks, held)
     sim.floating.fix(sim.domain, blocks, w.rhs)
     p.pressure[: p.rows] = sim.solver.solve(blocks, w.rhs, p.pressure[: p.rows])
     sim.floating.level(sim.domain, p.pressure[: p.rows])
@@ -509,8 +533,12 @@ def move(sim):
 
 
 def correct(sim):
-    """V = v* - dt grad P / rho, r = r* - dt^2 grad P / rho ([004] eqs. 13 and 14)."""
+    """V = v* - dt grad P / rho, r = r* - dt^2 grad P / rho ([004] eqs. 13 and 14).
+
+    Suction is left out, as most MPS codes do: with P_j + P_i it pulls particles together until the run blows up.
+    """
     p = sim.particles
+    np.maximum(p.pressure, 0.0, out=p.pressure)
     pressure_gradient(sim)
     liquid = slice(0, p.liquid)
     p.velocity[liquid] -= sim.dt * p.acceleration[liquid]

@@ -7,7 +7,7 @@ import pytest
 from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
-from parmps.kernels import density, gradient, poisson, shifting, velocity
+from parmps.kernels import density, gradient, poisson, shifting, velocity, viscosity
 from parmps.kernels.weight import lattice, smooth_weight, weight
 from parmps.loader import parse_job
 from parmps.neighbors import Pairs
@@ -450,6 +450,31 @@ def test_viscosity(dimension, noise):
     laplacian *= 2.0 * dimension / (c.lat.density * c.lat.lam * c.l0**2)
     np.testing.assert_allclose(out[:n], before[:n] + dt * nu * laplacian, rtol=1e-10, atol=1e-12)
     np.testing.assert_array_equal(out[n:], before[n:])
+
+
+@on_all
+def test_implicit_viscosity_has_the_operator_of_the_explicit_one(dimension, noise):
+    c = make_case(dimension, noise)
+    rows, n, diffusion = c.rows, c.p.liquid, 2e-4
+    column = np.full(len(c.p), -1, np.int32)
+    column[:rows] = np.arange(rows)
+    first, halo_first = np.zeros((2, rows + 1), np.int32)
+    columns, halo_columns = np.zeros((2, len(c.lists[1]) + rows), np.int32)
+    values, halo_values = np.zeros((2, len(columns)))
+    operator = (*c.lists, c.l0, REACH, c.lat.density, c.lat.lam, dimension)
+    walls = (c.p.kind, c.p.normal, c.p.depth)
+    viscosity.viscosity_rows(
+        c.p.position, *walls, diffusion, column, *operator, first, columns, values, halo_first, halo_columns,
+        halo_values,
+    )  # fmt: skip
+    assert halo_first[-1] == 0
+    count = first[-1]
+    matrix = csr_matrix((values[:count], columns[:count], first), shape=(rows, rows)).toarray()
+    np.testing.assert_array_equal(matrix, matrix.T)
+    np.testing.assert_array_equal(matrix[n:, n:], np.eye(rows - n))
+    change = np.zeros_like(c.vector)
+    velocity.add_viscosity(c.p.position, c.vector, *walls, diffusion, *operator, 1.0, n, change)
+    np.testing.assert_allclose(matrix[:n, :n] @ c.vector[:n], c.vector[:n] - change[:n], rtol=1e-10, atol=1e-12)
 
 
 @on_all
