@@ -11,7 +11,6 @@ export OPENBLAS_NUM_THREADS := 1
 export OMPI_ALLOW_RUN_AS_ROOT := 1
 export OMPI_ALLOW_RUN_AS_ROOT_CONFIRM := 1
 
-.PHONY: help setup setup-test run test lint bench validate trade
 .PHONY: help setup setup-test run test lint bench extremes validate trade
 
 help:

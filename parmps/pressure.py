@@ -15,6 +15,7 @@ petsc4py.init(sys.argv if any(a.startswith(("-ppe_", "-viscosity_")) for a in sy
 from petsc4py import PETSc  # noqa: E402
 
 from parmps.errors import DivergedError  # noqa: E402
+from parmps.kernels.poisson import sort_rows  # noqa: E402
 
 EXCESS_ITERATIONS = 40
 """Iterations beyond those of a fresh hierarchy that pay for a new one: its set-up costs about as much time."""
@@ -191,11 +192,11 @@ class PressureSolver(_Solver):
         old = self._matrix
         self._matrix = _wrap(self._comm, self._rows, blocks)
         if self._fresh is None or self._excess >= EXCESS_ITERATIONS:
-            self._renew()
+            self._renew(blocks)
         converged = self._run(self._matrix, self._model, rhs, guess)
         if not converged and self._fresh is not None:
             # The hierarchy may have aged too fast to notice: try once more with a new one.
-            self._renew()
+            self._renew(blocks)
             converged = self._run(self._matrix, self._model, rhs, guess)
         if old is not None:
             old.destroy()
@@ -206,9 +207,10 @@ class PressureSolver(_Solver):
         self._excess += max(self.iterations - self._fresh, 0)
         return self._x.array.copy()
 
-    def _renew(self):
+    def _renew(self, blocks):
         """Set the hierarchy up from a copy of the present matrix, which lives as long as the hierarchy."""
-        old, self._model = self._model, self._matrix.duplicate(copy=True)
+        old, self._model_blocks = self._model, blocks.sorted()
+        self._model = _wrap(self._comm, self._rows, self._model_blocks)
         for _ in range(self.rebuilds + 1):
             self._model.stateIncrease()  # else PETSc takes the copy, as young as the last one, for the last one
         self._ksp.setOperators(self._model, self._model)
@@ -285,6 +287,20 @@ class Blocks:
         self.halo_first = np.zeros(rows + 1, index)
         self.halo_columns, self.halo_values = np.empty(entries, index), np.empty(entries)
         self.at_diagonal = np.zeros(rows, index)
+
+    def sorted(self):
+        """Copy the matrix, with the columns of each row ascending, as the set-up of multigrid needs them.
+
+        Returns
+        -------
+        Blocks
+        """
+        copy = Blocks.__new__(Blocks)
+        for name in ("first", "columns", "values", "halo_first", "halo_columns", "halo_values"):
+            setattr(copy, name, getattr(self, name).copy())
+        sort_rows(copy.first, copy.columns, copy.values)
+        sort_rows(copy.halo_first, copy.halo_columns, copy.halo_values)
+        return copy
 
     @property
     def arrays(self):

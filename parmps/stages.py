@@ -14,6 +14,7 @@ import numpy as np
 
 from parmps.components import floating_components
 from parmps.kernels import density, gradient, poisson, shifting, velocity, viscosity
+from parmps.kernels.weight import weight
 from parmps.particles import DUMMY, FLUID, WALL
 
 VOLUME_EVERY = 10
@@ -198,8 +199,10 @@ def refresh_halo(sim):
 
 
 def find_neighbours(sim):
-    """List the neighbours within the largest radius."""
+    """List the neighbours within the largest radius, with their weights."""
+    s = sim.scheme
     sim.pairs.find(sim.particles)
+    sim.strength, sim.laplacian_strength = sim.pairs.weigh(sim.l0, s.radius, s.laplacian_radius)
 
 
 def measure_density(sim):
@@ -207,10 +210,9 @@ def measure_density(sim):
     p, s, w = sim.particles, sim.scheme, sim.work
     density.moments(
         p.position,
-        p.kind,
-        *sim.pairs.lists,
+        *sim.pairs.wet,
+        sim.strength,
         sim.l0,
-        s.radius,
         sim.lattice.density,
         sim.dimension,
         w.density,
@@ -253,7 +255,9 @@ def smooth_density(sim):
     """
     p, s, w = sim.particles, sim.scheme, sim.work
     sim.wide_pairs.find(p)
-    density.smooth_density(p.position, *sim.wide_pairs.lists, sim.l0, s.volume_radius, p.liquid, w.smooth)
+    density.smooth_density(
+        sim.wide_pairs.lists[0], sim.wide_pairs.square, sim.l0, s.volume_radius, p.liquid, w.smooth
+    )
     near = w.near
     near[:] = w.surface
     for _ in range(math.ceil(s.volume_radius / s.radius)):
@@ -321,13 +325,14 @@ def add_viscosity(sim):
 
 def add_contacts(sim):
     """Stop particles that are about to overlap."""
-    p = sim.particles
+    p, s = sim.particles, sim.scheme
     sim.contacts += velocity.add_contacts(
         p.position,
         p.velocity,
         p.kind,
-        *sim.pairs.lists,
-        sim.scheme.collision_distance * sim.l0,
+        *sim.pairs.wet,
+        sim.strength,
+        weight(s.collision_distance, s.radius) / (s.collision_distance * sim.l0) ** 2,
         p.liquid,
         sim.work.intermediate,
     )
@@ -373,11 +378,9 @@ def measure_divergence(sim):
     velocity.velocity_gradient(
         p.position,
         w.intermediate,
-        p.kind,
-        *sim.pairs.lists,
+        *sim.pairs.wet,
+        sim.strength,
         inverse,
-        sim.l0,
-        s.radius,
         n0,
         sim.dimension,
         rows,
@@ -411,9 +414,9 @@ def solve_pressure(sim):
         w.source,
         p.pressure,
         sim.column,
-        *sim.pairs.lists,
+        *sim.pairs.wet,
+        sim.laplacian_strength,
         sim.l0,
-        s.laplacian_radius,
         lat.density,
         lat.lam,
         sim.dimension,
@@ -442,8 +445,6 @@ def solve_pressure(sim):
 def accelerate(sim):
     """v^(n+1) = v* + dt (a - grad P / rho), and the damping of grid noise."""
     p, s, w = sim.particles, sim.scheme, sim.work
-    lists = sim.pairs.lists
-    n0 = sim.lattice.density
     pressure_gradient(sim)
     sim.domain.exchange(w.gradient)
     gradient.residual_damping(
@@ -451,10 +452,10 @@ def accelerate(sim):
         w.intermediate,
         p.kind,
         w.gradient,
-        *lists,
-        sim.l0,
-        s.radius,
-        n0,
+        *sim.pairs.wet,
+        sim.strength,
+        sim.lattice.density,
+        sim.dimension,
         s.damping * sim.activity,
         RESIDUAL_DAMPING * sim.dt / sim.l0,
         p.liquid,
@@ -479,13 +480,12 @@ def pressure_gradient(sim):
         gradient.corrected_gradient(
             p.position,
             p.pressure,
-            p.kind,
             w.surface,
             w.lean,
-            *sim.pairs.lists,
+            *sim.pairs.wet,
+            sim.strength,
             w.full,
             sim.l0,
-            s.radius,
             sim.lattice.density,
             sim.dimension,
             p.liquid,
@@ -497,8 +497,7 @@ def pressure_gradient(sim):
             p.position,
             p.pressure,
             *sim.pairs.lists,
-            sim.l0,
-            s.radius,
+            sim.strength,
             sim.lattice.density,
             sim.dimension,
             s.gradient == "min",
@@ -512,7 +511,7 @@ def move(sim):
     """r^(n+1) = r^n + dt v^(n+1), with shifting; surface particles keep half a spacing below the surface."""
     p, s, w = sim.particles, sim.scheme, sim.work
     density.surface_normals(
-        p.position, p.kind, w.asymmetry, w.surface, *sim.pairs.lists, sim.l0, s.radius, p.liquid, w.surface_normal
+        p.position, w.asymmetry, w.surface, *sim.pairs.wet, sim.strength, p.liquid, w.surface_normal
     )
     shifting.move(
         p.position,
