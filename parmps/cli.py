@@ -1,7 +1,8 @@
-"""The command line: ``python -m parmps JOB.yaml``, and the sub-commands plan and schema."""
+"""The command line: ``python -m parmps JOB.yaml``, and the sub-commands."""
 
 import argparse
 import json
+import re
 import sys
 import traceback
 
@@ -9,19 +10,38 @@ from parmps import __version__
 from parmps.checks import job_warnings
 from parmps.domain import Domain
 from parmps.errors import InputError, ParmpsError
+from parmps.interrupt import Interrupt
 from parmps.loader import load_job
 from parmps.schema import json_schema, schema_table
 
-EPILOG = """\
+SECONDS_TO_END = 5.0
+"""How long a rank with an error waits for the others to come to the same end before it ends them."""
+
+RUN_HELP = """\
 examples:
   mpirun -n 2 python -m parmps jobs/sloshing.yaml
   python -m parmps jobs/sloshing.yaml --out /tmp/run --set motion[0].amplitude=0.03 --set time.end=5
   python -m parmps jobs/sloshing.yaml --restart out/sloshing --set time.end=20
-  python -m parmps plan jobs/sloshing.yaml --png start.png
-  python -m parmps schema
+  srun python -m parmps jobs/sloshing.yaml --wall-limit 23:50:00
 
-exit status: 0 done, 2 bad input, 3 diverged, 4 a rank failed or an output could not be written.
+other commands (each with --help): plan, schema
+
+exit status: 0 done, 2 bad input, 3 diverged, 4 a rank failed or an output could not be written, 5 stopped early
+by SIGTERM, SIGINT, SIGUSR1 or --wall-limit. After 3 and 5 there is a checkpoint to continue from.
 Options of the pressure solver go to PETSc with the prefix -ppe_, such as -ppe_ksp_monitor.
+"""
+
+PLAN_HELP = """\
+examples:
+  python -m parmps plan jobs/sloshing.yaml
+  mpirun -n 8 python -m parmps plan jobs/sloshing.yaml       (memory and particles of each of 8 ranks)
+  python -m parmps plan jobs/sloshing.yaml --set spacing=0.002 --png start.png
+"""
+
+SCHEMA_HELP = """\
+examples:
+  python -m parmps schema | less
+  python -m parmps schema --json > job.schema.json
 """
 
 
@@ -29,7 +49,7 @@ class _Parser(argparse.ArgumentParser):
     """Tells what is wrong by `InputError`, so that one rank can speak for all."""
 
     def error(self, message):
-        raise InputError("command line", f"{message}; see python -m parmps --help")
+        raise InputError("command line", f"{message}; see {self.prog} --help")
 
 
 def _split(arguments):
@@ -46,29 +66,83 @@ def _split(arguments):
     return ours
 
 
-def _arguments(words):
-    parser = _Parser(
-        prog="python -m parmps",
-        description="Violent sloshing of liquids in moving tanks by the Moving Particle Semi-implicit method.",
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+def _parser(command, description, examples):
+    prog = f"python -m parmps {command}".strip()
+    return _Parser(
+        prog=prog, description=description, epilog=examples, formatter_class=argparse.RawDescriptionHelpFormatter
     )
+
+
+def _add_job(parser):
+    parser.add_argument("job", metavar="JOB.yaml", help="job file; its keys: python -m parmps schema")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE", help="change a key, such as motion[0].omega=6"
+    )
+
+
+def _run_parser():
+    about = "Violent sloshing of liquids in moving tanks by the Moving Particle Semi-implicit method. Runs a job."
+    parser = _parser("", about, RUN_HELP)
     parser.add_argument("--version", action="version", version=f"parmps {__version__}")
-    command = words[0] if words and words[0] in ("plan", "schema") else "run"
-    if command == "schema":
-        parser.add_argument("command", choices=["schema"])
-        parser.add_argument("--json", action="store_true", help="print the JSON Schema, for editors")
-        return command, parser.parse_args(words)
-    if command == "plan":
-        parser.add_argument("command", choices=["plan"], help="show what would run; solves nothing")
-    parser.add_argument("job", metavar="JOB.yaml", help="job file, or plan JOB.yaml, or schema")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="change a key of the job")
-    if command == "plan":
-        parser.add_argument("--png", metavar="FILE", help="also draw the particles at the start")
-    if command == "run":
-        parser.add_argument("--out", metavar="DIR", help="output directory, instead of the job's")
-        parser.add_argument("--restart", metavar="DIR", help="continue from the checkpoint of an earlier run")
-    return command, parser.parse_args(words)
+    _add_job(parser)
+    parser.add_argument("--out", metavar="DIR", help="output directory, instead of the job's")
+    parser.add_argument("--restart", metavar="DIR", help="continue from the checkpoint of an earlier run")
+    parser.add_argument(
+        "--wall-limit",
+        metavar="TIME",
+        type=wall_time,
+        help="stop with a checkpoint after this wall time: seconds, MM:SS or HH:MM:SS; leave time for a checkpoint",
+    )
+    return parser
+
+
+def _plan_parser():
+    parser = _parser("plan", "Shows what a job would take and run; solves nothing.", PLAN_HELP)
+    _add_job(parser)
+    parser.add_argument("--png", metavar="FILE", help="also draw the particles at the start")
+    return parser
+
+
+def _schema_parser():
+    parser = _parser("schema", "Prints every key of a job: type, unit, default and meaning.", SCHEMA_HELP)
+    parser.add_argument("--json", action="store_true", help="print the JSON Schema, for editors")
+    return parser
+
+
+PARSERS = {"plan": _plan_parser, "schema": _schema_parser}
+
+
+def wall_time(text):
+    """Read a wall time as batch systems write it.
+
+    Parameters
+    ----------
+    text : str
+        Seconds, ``MM:SS`` or ``HH:MM:SS``.
+
+    Returns
+    -------
+    float
+        s.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        If it is none of these.
+    """
+    if not re.fullmatch(r"\d{1,9}(\.\d*)?|(\d{1,6}:)?\d{1,6}:\d{1,2}", text):
+        raise argparse.ArgumentTypeError(f"got '{text}', must be seconds, MM:SS or HH:MM:SS")
+    seconds = 0.0
+    for part in text.split(":"):
+        seconds = 60.0 * seconds + float(part)
+    return seconds
+
+
+def _arguments(words):
+    """Parse the command line: the name of the command, and its arguments."""
+    if words and words[0] in PARSERS:
+        return words[0], PARSERS[words[0]]().parse_args(words[1:])
+    return "run", _run_parser().parse_args(words)
 
 
 def main():
@@ -86,9 +160,12 @@ def main():
         else:
             _run(job, arguments, domain)
     except ParmpsError as problem:
-        # Raised on all ranks alike, so that all come here and none waits for another.
-        if domain.rank == 0:
-            print(f"parmps: error: {problem}", file=sys.stderr, flush=True)
+        # Raised on all ranks alike as a rule; a file that only one rank writes may fail that rank alone.
+        alone = not domain.all_end(SECONDS_TO_END)
+        if domain.rank == 0 or alone:
+            print(f"parmps: {problem.title}: {problem}", file=sys.stderr, flush=True)
+        if alone:
+            domain.abort(problem.exit_status)
         sys.exit(problem.exit_status)
     except Exception:  # noqa: BLE001 - whatever failed on this rank, the others must not wait for it
         print(f"parmps: rank {domain.rank} failed:\n{traceback.format_exc()}", file=sys.stderr, flush=True)
@@ -105,8 +182,7 @@ def _prepare(domain):
             if command != "schema":
                 from parmps.tank import require_supported
 
-                overrides = list(arguments.set)
-                job = load_job(arguments.job, overrides)
+                job = load_job(arguments.job, arguments.set)
                 require_supported(job)
                 for warning in job_warnings(job):
                     print(f"parmps: warning: {warning}", file=sys.stderr, flush=True)
@@ -142,8 +218,9 @@ def _run(job, arguments, domain):
     from parmps.run import Run
 
     directory = arguments.out or arguments.restart or job.output.directory
-    run = Run(job, domain, directory, arguments.restart)
-    try:
-        run.go()
-    finally:
-        run.close()
+    with Interrupt(arguments.wall_limit) as interrupt:
+        run = Run(job, domain, directory, interrupt, arguments.restart)
+        try:
+            run.go()
+        finally:
+            run.close()

@@ -287,13 +287,20 @@ class Simulation:
 
     # Time
 
-    def choose_step(self, until):
+    def choose_step(self, until, request=0):
         """Choose the time step by the present state, and learn whether the halo still reaches far enough.
 
         Parameters
         ----------
         until : float
             Time of the next output, which a whole number of steps must reach, s.
+        request : int
+            What this rank wants the others to know, such as a request to stop.
+
+        Returns
+        -------
+        int
+            The greatest request of all ranks.
 
         Raises
         ------
@@ -306,8 +313,10 @@ class Simulation:
         largest = [
             speed2.max(initial=0.0) if np.isfinite(speed2.sum()) else math.inf,
             np.einsum("ij,ij->i", moved, moved).max(initial=0.0),
+            request,
         ]
-        speed, moved = np.sqrt(self.domain.max(np.array(largest)))
+        *largest, request = self.domain.max(np.array(largest, float))
+        speed, moved = np.sqrt(largest)
         if not math.isfinite(speed):
             raise DivergedError(f"a velocity is not finite at t = {self.time:g} s, step {self.step_number}")
         self.frame = self.motion.at(self.time)
@@ -328,6 +337,7 @@ class Simulation:
         self.activity = self.grid_number + 0.2 * self.courant
         # Two particles of different ranks may approach each other, and move once more before the next look.
         self._stale = 2.0 * (moved + speed * self.dt) > HALO_MARGIN * self.l0
+        return int(request)
 
     def solve(self):
         """Find the pressure at the present time."""
