@@ -2,16 +2,19 @@
 
 import argparse
 import json
+import os
 import re
 import sys
 import traceback
+from functools import partial
+from importlib.util import find_spec
 
 from parmps import __version__
 from parmps.checks import job_warnings
-from parmps.domain import Domain
 from parmps.errors import InputError, ParmpsError
 from parmps.interrupt import Interrupt
 from parmps.loader import load_job
+from parmps.scene import Job
 from parmps.schema import json_schema, schema_table
 
 SECONDS_TO_END = 5.0
@@ -24,7 +27,7 @@ examples:
   python -m parmps jobs/sloshing.yaml --restart out/sloshing --set time.end=20
   srun python -m parmps jobs/sloshing.yaml --wall-limit 23:50:00
 
-other commands (each with --help): plan, schema
+other commands (each with --help): plan, sweep, plot, schema
 
 exit status: 0 done, 2 bad input, 3 diverged, 4 a rank failed or an output could not be written, 5 stopped early
 by SIGTERM, SIGINT, SIGUSR1 or --wall-limit. After 3 and 5 there is a checkpoint to continue from.
@@ -42,6 +45,31 @@ SCHEMA_HELP = """\
 examples:
   python -m parmps schema | less
   python -m parmps schema --json > job.schema.json
+  python -m parmps schema --sweep
+"""
+
+SWEEP_HELP = """\
+examples:
+  python -m parmps sweep jobs/sweeps/baffle_height.yaml --jobs 2          run what is missing, two cases at a time
+  python -m parmps sweep jobs/sweeps/baffle_height.yaml --script slurm > sweep.sbatch; sbatch sweep.sbatch
+  python -m parmps sweep jobs/sweeps/baffle_height.yaml --collect         only the table and the figures
+
+Results: results.csv and a figure a measure in the directory of the sweep, a directory with a whole run a case.
+Exit status: 0 all cases done, 2 bad input, 4 some case failed (results.csv says why), 5 stopped; the same command
+continues it.
+"""
+
+PLOT_HELP = """\
+examples:
+  python -m parmps plot probes out/sloshing --reference measured.csv
+  python -m parmps plot particles out/sloshing --time 1.0 2.0 3.0 --field speed
+  python -m parmps plot spectra out/sloshing --begin 2
+  python -m parmps plot peaks out/sloshing
+  python -m parmps plot animation out/sloshing --format mp4
+  python -m parmps plot sweep jobs/sweeps/baffle_height.yaml
+  python -m parmps plot report out/sloshing                     (or SWEEP.yaml: one HTML page to send to a colleague)
+
+Each has more options: python -m parmps plot probes --help. Pictures go into the directory of the results.
 """
 
 
@@ -106,10 +134,38 @@ def _plan_parser():
 def _schema_parser():
     parser = _parser("schema", "Prints every key of a job: type, unit, default and meaning.", SCHEMA_HELP)
     parser.add_argument("--json", action="store_true", help="print the JSON Schema, for editors")
+    parser.add_argument("--sweep", action="store_true", help="the keys of a sweep file instead")
     return parser
 
 
-PARSERS = {"plan": _plan_parser, "schema": _schema_parser}
+def _sweep_parser():
+    parser = _parser("sweep", "Runs a base job with changed values, case by case; one table of results.", SWEEP_HELP)
+    parser.add_argument("sweep", metavar="SWEEP.yaml", help="sweep file; its keys: python -m parmps schema --sweep")
+    parser.add_argument("--jobs", type=_count, metavar="N", help="cases at a time, instead of the file's")
+    parser.add_argument("--ranks", type=_count, metavar="N", help="MPI ranks of each case, instead of the file's")
+    parser.add_argument("--retry", action="store_true", help="run the cases that failed again")
+    parser.add_argument("--script", choices=("slurm", "shell"), help="run nothing, print a script of the missing cases")
+    parser.add_argument("--collect", action="store_true", help="run nothing, only collect the results there are")
+    return parser
+
+
+def _plot_parser():
+    from parmps.figures.command import add_commands
+
+    parser = _parser("plot", "Draws the results of a run or a sweep.", PLOT_HELP)
+    add_commands(parser)
+    return parser
+
+
+def _count(text):
+    if not text.isdecimal() or not 1 <= int(text[:9]) <= 100_000:
+        raise argparse.ArgumentTypeError(f"got '{text}', must be a whole number from 1 to 100000")
+    return int(text)
+
+
+PARSERS = {"plan": _plan_parser, "schema": _schema_parser, "sweep": _sweep_parser, "plot": _plot_parser}
+ALONE = ("sweep", "plot")
+"""Commands of one process, which never starts MPI: children with MPI could not start from it."""
 
 
 def wall_time(text):
@@ -147,6 +203,10 @@ def _arguments(words):
 
 def main():
     """Run the command line and exit with its status."""
+    if sys.argv[1:2] and sys.argv[1] in ALONE:
+        sys.exit(_main_alone())
+    from parmps.domain import Domain
+
     domain = Domain()
     try:
         command, arguments, job, error = _prepare(domain)
@@ -154,7 +214,7 @@ def main():
             raise error
         if command == "schema":
             if domain.rank == 0:
-                print(json.dumps(json_schema(), indent=2) if arguments.json else schema_table())
+                _print_schema(arguments)
         elif command == "plan":
             _plan(job, arguments, domain)
         else:
@@ -163,13 +223,60 @@ def main():
         # Raised on all ranks alike as a rule; a file that only one rank writes may fail that rank alone.
         alone = not domain.all_end(SECONDS_TO_END)
         if domain.rank == 0 or alone:
-            print(f"parmps: {problem.title}: {problem}", file=sys.stderr, flush=True)
+            _tell(problem)
         if alone:
             domain.abort(problem.exit_status)
         sys.exit(problem.exit_status)
     except Exception:  # noqa: BLE001 - whatever failed on this rank, the others must not wait for it
         print(f"parmps: rank {domain.rank} failed:\n{traceback.format_exc()}", file=sys.stderr, flush=True)
         domain.abort(4)
+
+
+def _main_alone():
+    """Run a command of one process; its exit status."""
+    try:
+        if int(os.environ.get("OMPI_COMM_WORLD_SIZE", os.environ.get("PMI_SIZE", "1"))) > 1:
+            raise InputError("command line", f"{sys.argv[1]} starts its own ranks; run it without mpirun")
+        command, arguments = _arguments(sys.argv[1:])
+        return _sweep(arguments) if command == "sweep" else arguments.draw(arguments)
+    except ParmpsError as problem:
+        _tell(problem)
+        return problem.exit_status
+
+
+def _tell(problem):
+    print(f"parmps: {problem.title}: {problem}", file=sys.stderr, flush=True)
+
+
+def _print_schema(arguments):
+    from parmps.sweep import Sweep
+
+    model = Sweep if arguments.sweep else Job
+    print(json.dumps(json_schema(model), indent=2) if arguments.json else schema_table(model))
+
+
+def _sweep(arguments):
+    from parmps import campaign
+    from parmps.sweep import load_sweep
+
+    counts = {name: value for name in ("jobs", "ranks") if (value := getattr(arguments, name)) is not None}
+    sweep, cases = load_sweep(arguments.sweep, counts)
+    if arguments.script:
+        campaign.prepare(sweep, cases)
+        print(campaign.script(sweep, campaign.missing_cases(sweep, cases, arguments.retry), arguments.script))
+        return 0
+    run = campaign.results if arguments.collect else partial(campaign.run_sweep, retry=arguments.retry)
+    ends = run(sweep, cases)
+    if find_spec("matplotlib"):
+        from parmps.figures.charts import draw_sweep
+
+        draw_sweep(sweep)
+    else:
+        print("no figures were drawn: that needs matplotlib")
+    done = ends.count("done")
+    failed = [f"case {case.name} {end}" for case, end in zip(cases, ends, strict=True) if end.startswith("failed")]
+    print("\n".join([*failed, f"{done} of {len(cases)} cases are done; results are in {campaign.results_path(sweep)}"]))
+    return 4 if failed else 0
 
 
 def _prepare(domain):
