@@ -12,13 +12,15 @@ from parmps.slabs import output_errors
 from parmps.stages import make_plan
 from parmps.tank import count_particles, place
 
+EXACT_CELLS = 1e6
+"""Points of the lattice in the tank up to which particles are counted: beyond, that takes too long."""
 PROGRAM_BYTES = 250e6
 """Memory of a rank without particles: Python, the compiled kernels and the libraries."""
 ENTRY_BYTES = 12
 """Of an entry of the pressure matrix: its value and its column."""
 HIERARCHY = 2.0
 """Matrices that the multigrid hierarchy keeps, in pressure matrices: a copy, and the coarser levels."""
-SAMPLES = 2000
+SAMPLES = 400
 """Times at which the motion is looked at."""
 
 
@@ -36,9 +38,10 @@ def plan_text(job, domain):
     str
         Several lines, for people.
     """
-    counts, spacing = count_particles(job, job.scheme.wall, wall_layers(job.scheme))
+    layers, exact = wall_layers(job.scheme), math.prod(job.tank.size) / job.spacing**job.dimension <= EXACT_CELLS
+    counts, spacing = count_particles(job, job.scheme.wall, layers) if exact else estimate_particles(job, layers)
     lines = [f"{job.title or 'untitled job'}: {job.dimension}D, {domain.size} rank(s), scheme {job.scheme.preset}"]
-    lines += ["", "Particles", *_particle_lines(counts, spacing)]
+    lines += ["", "Particles" if exact else "Particles (an estimate)", *_particle_lines(counts, spacing, exact)]
     lines += ["", "Memory (an estimate)", *_memory_lines(job, counts, domain.size)]
     lines += ["", "Time steps (an estimate)", *_step_lines(job, spacing)]
     lines += ["", "Stages of a step", *_stage_lines(make_plan(job, domain.size))]
@@ -54,9 +57,49 @@ def _table(rows):
 # Particles and memory
 
 
-def _particle_lines(counts, spacing):
+def _particle_lines(counts, spacing, exact):
     rows = [(name, f"{counts[name]:>12}") for name in ("fluid", "wall", "dummy", "total")]
-    return [*_table(rows), f"  spacing {spacing * 1e3:.6g} mm, as it fits the tank"]
+    how = "as it fits the tank" if exact else "of the job"
+    return [*_table(rows), f"  spacing {spacing * 1e3:.6g} mm, {how}"]
+
+
+def estimate_particles(job, layers):
+    """Estimate the particles of a job whose tank is too large to place them for counting.
+
+    Parameters
+    ----------
+    job : Job
+    layers : int
+        Wall layer plus dummy layers.
+
+    Returns
+    -------
+    dict of str to int
+        As in `count_particles`: the volume of the liquid and the surface of tank and baffles, in spacings.
+        Chamfers and what baffles take from the liquid are left out.
+    float
+        Spacing of the job, m.
+    """
+    sides = np.array(job.tank.size) / job.spacing
+    liquid = sum(_volume(job, fluid) for fluid in job.fluids) / job.spacing**job.dimension
+    surface = 2.0 * sum(np.prod(np.delete(sides, axis)) for axis in range(len(sides)))
+    for baffle in job.tank.baffles:
+        along = baffle.top - baffle.bottom if baffle.vertical else baffle.right - baffle.left
+        low, high = baffle.width or (0.0, job.tank.size[1])
+        surface += 2.0 * along * ((high - low) / job.spacing if job.dimension == 3 else 1.0) / job.spacing
+    counts = {"fluid": round(liquid), "wall": round(surface), "dummy": round((layers - 1) * surface)}
+    return {**counts, "total": sum(counts.values())}, job.spacing
+
+
+def _volume(job, fluid):
+    """Volume that a liquid fills, m3 (m2 in 2D), baffles and chamfers left out."""
+    if fluid.region is None:
+        return fluid.depth * math.prod(job.tank.size[:-1])
+    if fluid.region.box is not None:
+        return math.prod(high - low for low, high in zip(*fluid.region.box, strict=True))
+    if job.dimension == 2:
+        return math.pi * fluid.region.disc.radius**2
+    return 4.0 / 3.0 * math.pi * fluid.region.ball.radius**3
 
 
 def memory_estimate(job, counts, ranks):

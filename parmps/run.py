@@ -22,7 +22,7 @@ from parmps.output import ParticleFile, ProbeTable, prepare_directory, write_jso
 from parmps.particles import FIELDS, FLUID
 from parmps.pressure import petsc_version
 from parmps.probes import build_probes
-from parmps.report import RunLog, timer_table
+from parmps.report import RunLog, advice, timer_table
 from parmps.simulation import COUNTERS, SUMMED, Simulation
 
 
@@ -96,6 +96,7 @@ class Run:
         self.saves = Schedule(out.checkpoint_every, end)
         self._open_results(restart is not None)
         self.wall = 0.0
+        self._first_step = self.simulation.step_number
         self._good = self.simulation.snapshot()
 
     def _on_main(self, action):
@@ -300,6 +301,8 @@ class Run:
         write_json(self.directory / "run.json", record)
         line = self.log.line
         line(timer_table(record["stage_seconds"], record["wall_seconds"]))
+        for sentence in advice(record, self.simulation.step_number - self._first_step):
+            line(sentence)
         for item in record["left_tank"]:
             line(f"particle {item['id']} left the tank at {item['position']} m in step {item['step']}")
         line(

@@ -90,7 +90,7 @@ BAD = {
     "nothing varies": (GRID.split("grid")[0], "sweep: got none, must have one of grid, list and sample"),
     "two kinds": (GRID + "list: [{spacing: 0.1}]\n", "sweep: got grid and list, must have one of"),
     "no such key": (GRID.replace("omega", "omga"), "'motion[0].omga': 5.0}): motion[0].omga: unknown key"),
-    "bad value": (GRID.replace("0.15]", "0.5]"), "case 004 ({'fluids[0].depth': 0.5, 'motion[0].omega': 5.0}): fluids:"),
+    "bad value": (GRID.replace("0.15]", "0.5]"), "case 004 ({'fluids[0].depth': 0.5, 'motion[0].omega': 5.0}): fluids"),
     "no such job": (GRID.replace("base", "other"), "other.yaml: cannot be read: No such file or directory"),
     "no such probe": (GRID.replace("P1", "P9"), "measures[0].column: got 'P9', must be of a probe of the job"),
     "late window": (GRID.replace("begin: 0.005", "begin: 3"), "measures[1].begin: got 3 s, must be before"),

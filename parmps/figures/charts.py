@@ -113,6 +113,7 @@ def draw_measure(keys, parts, label, values, reference=None, scattered=False):
     distinct = list(dict.fromkeys(curves))
     titles = [short(keys[index]) for index in others]
     numeric = _is_number(parts[main])
+    joined = numeric and reference is None  # a line between the points would be taken for theory
     ticks = list(dict.fromkeys(parts[main]))
     for number, curve in enumerate(distinct):
         mine = [case for case in range(len(values)) if curves[case] == curve]
@@ -121,7 +122,7 @@ def draw_measure(keys, parts, label, values, reference=None, scattered=False):
         panel.plot(
             np.array(x)[order],
             values[mine][order],
-            MARKERS[number % len(MARKERS)] + ("-" if numeric else ""),
+            MARKERS[number % len(MARKERS)] + ("-" if joined else ""),
             color=COLOURS[number % len(COLOURS)],
             label=_name(titles, curve) or None,
         )
