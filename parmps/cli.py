@@ -305,13 +305,15 @@ def _prepare(domain):
 
 
 def _plan(job, arguments, domain):
-    from parmps.planning import draw_plan, plan_text
+    from parmps.planning import plan_text
 
     error = None
     if domain.rank == 0:
         try:
             print(plan_text(job, domain))
             if arguments.png:
+                from parmps.figures.start import draw_plan
+
                 draw_plan(job, arguments.png)
                 print(f"\nThe particles at the start are drawn in {arguments.png}")
         except ParmpsError as problem:

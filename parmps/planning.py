@@ -6,11 +6,10 @@ import numpy as np
 
 from parmps.kernels.weight import lattice
 from parmps.motion import Motion
-from parmps.particles import DUMMY, FIELDS, FLUID, WALL
+from parmps.particles import FIELDS
 from parmps.simulation import HALO_MARGIN, STEADY_STEP, VISCOUS_STEP, Work, wall_layers
-from parmps.slabs import output_errors
 from parmps.stages import make_plan
-from parmps.tank import count_particles, place
+from parmps.tank import count_particles
 
 EXACT_CELLS = 1e6
 """Points of the lattice in the tank up to which particles are counted: beyond, that takes too long."""
@@ -266,67 +265,3 @@ def _stage_lines(plan):
     if plan.left_out:
         lines += ["Left out", *_table(plan.left_out)]
     return lines
-
-
-# Picture
-
-
-def draw_plan(job, path):
-    """Draw the particles at the start; of a 3D tank, the layer in the middle of the width.
-
-    Parameters
-    ----------
-    job : Job
-    path : path-like
-        Of the picture.
-    """
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-    from matplotlib.collections import EllipseCollection
-    from matplotlib.patches import Patch, Rectangle
-
-    start = place(job, job.scheme.wall, layers=wall_layers(job.scheme))
-    l0 = start.spacing
-    y = start.position[:, 1]
-    middle = 0.5 * job.tank.size[1] if job.dimension == 3 else 0.0
-    nearest = y[np.abs(y - middle).argmin()]
-    layer = np.abs(y - nearest) < 0.4 * l0
-    at, kind, fluid = start.position[layer][:, [0, 2]], start.kind[layer], start.fluid[layer]
-    low, high = at.min(axis=0) - l0, at.max(axis=0) + l0
-    figure = pyplot.figure(figsize=(9.0, 7.0 * (high[1] - low[1]) / (high[0] - low[0]) + 1.2), layout="constrained")
-    axes = figure.add_subplot()
-    groups = [(kind == DUMMY, "0.8", "dummy"), (kind == WALL, "0.45", "wall")]
-    for number, liquid in enumerate(job.fluids):
-        groups.append(((kind == FLUID) & (fluid == number), FLUID_COLOURS[number % len(FLUID_COLOURS)], liquid.name))
-    for chosen, colour, _ in groups:
-        size = np.full(chosen.sum(), l0)
-        axes.add_collection(
-            EllipseCollection(
-                size,
-                size,
-                np.zeros(len(size)),
-                units="xy",
-                offsets=at[chosen],
-                offset_transform=axes.transData,
-                facecolors=colour,
-                linewidths=0,
-            )
-        )
-    axes.add_patch(Rectangle((0, 0), job.tank.length, job.tank.height, fill=False, linewidth=0.8))
-    for solid in start.geometry.solids:
-        if solid.low[1] <= middle <= solid.high[1] or job.dimension == 2:
-            x, z = solid.low[0], solid.low[2]
-            axes.add_patch(Rectangle((x, z), solid.high[0] - x, solid.high[2] - z, fill=False, linewidth=0.8))
-    patches = [Patch(color=colour, label=label) for chosen, colour, label in groups if chosen.any()]
-    axes.legend(handles=patches, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
-    axes.set(aspect="equal", xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x [m]", ylabel="z [m]")
-    axes.set_title(job.title, loc="left")
-    with output_errors(path):
-        figure.savefig(path, dpi=150)
-    pyplot.close(figure)
-
-
-FLUID_COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9")
-"""Okabe and Ito's palette, distinguishable by the colour-blind."""

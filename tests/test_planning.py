@@ -5,8 +5,9 @@ import time
 import pytest
 
 from parmps.domain import Domain
+from parmps.figures.start import draw_plan
 from parmps.loader import load_job
-from parmps.planning import draw_plan, estimate_particles, plan_text
+from parmps.planning import estimate_particles, plan_text
 from parmps.simulation import Simulation
 from parmps.tank import count_particles
 
