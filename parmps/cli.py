@@ -23,7 +23,7 @@ SECONDS_TO_END = 5.0
 RUN_HELP = """\
 examples:
   mpirun -n 2 python -m parmps jobs/sloshing.yaml
-  python -m parmps jobs/sloshing.yaml --out /tmp/run --set motion[0].amplitude=0.03 --set time.end=5
+  python -m parmps jobs/sloshing.yaml --out out/run --set motion[0].amplitude=0.03 --set time.end=5
   python -m parmps jobs/sloshing.yaml --restart out/sloshing --set time.end=20
   srun python -m parmps jobs/sloshing.yaml --wall-limit 23:50:00
 

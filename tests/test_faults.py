@@ -5,6 +5,7 @@ import json
 import multiprocessing
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -175,6 +176,44 @@ def test_what_is_in_the_way_is_refused_and_earlier_results_stay(tmp_path, unbrok
     assert "run.log: a directory is in the way" in capfd.readouterr().err
     (unbroken / "run.log").rmdir()
     assert final_state(unbroken) == before
+
+
+def test_vtk_reads_every_step_array_and_value_of_a_run(unbroken):
+    hdf = pytest.importorskip("vtkmodules.vtkIOHDF")
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
+
+    reader = hdf.vtkHDFReader()
+    reader.SetFileName(str(unbroken / "particles.vtkhdf"))
+    reader.UpdateInformation()
+    key = vtkStreamingDemandDrivenPipeline.TIME_STEPS()
+    times = [reader.GetOutputInformation(0).Get(key, step) for step in range(reader.GetNumberOfSteps())]
+    np.testing.assert_allclose(times, 0.01 * np.arange(11), atol=1e-12)
+    with h5py.File(unbroken / "particles.vtkhdf") as file:
+        group, count = file["VTKHDF"], file["VTKHDF/NumberOfPoints"][0]
+        for step, moment in enumerate(times):
+            reader.UpdateTimeStep(moment)
+            data, rows = reader.GetOutputDataObject(0), slice(step * count, (step + 1) * count)
+            np.testing.assert_array_equal(vtk_to_numpy(data.GetPoints().GetData()), group["Points"][rows])
+            assert data.GetPointData().GetNumberOfArrays() == len(group["PointData"]) == 6
+            for name, values in group["PointData"].items():
+                found = vtk_to_numpy(data.GetPointData().GetArray(name))
+                np.testing.assert_array_equal(found, values[rows], err_msg=name)
+
+
+def test_a_checkpoint_of_another_job_or_a_damaged_one_is_refused_and_left(tmp_path, unbroken, capfd):
+    shutil.copytree(unbroken, tmp_path / "run")
+    path = tmp_path / "run" / "checkpoint.h5"
+    assert finish(tmp_path / "run", restart=True, overrides=[*DENSE, "fluids[0].density=999"]) == 2
+    message = capfd.readouterr().err.splitlines()[-1]
+    assert message.startswith("fluids[0].density: 1000.0 in the checkpoint, 999.0 in the job; only time.end and output")
+    assert final_state(tmp_path / "run") == final_state(unbroken)
+    whole = path.read_bytes()
+    for damaged in (whole[: len(whole) // 2], whole[:-2000] + bytes([whole[-2000] ^ 1]) + whole[-1999:]):
+        path.write_bytes(damaged)
+        assert finish(tmp_path / "run", restart=True) == 4
+        assert f"{path}: is damaged" in capfd.readouterr().err
+    assert final_state(tmp_path / "run") == final_state(unbroken)
 
 
 def test_a_signal_to_some_rank_stops_all_and_another_number_of_ranks_completes_the_run(tmp_path):

@@ -16,6 +16,7 @@ from test_cli import ENVIRONMENT, JOB
 from parmps import campaign, cli
 from parmps.errors import InputError
 from parmps.figures.charts import draw_measure
+from parmps.figures.page import write_sweep_page
 from parmps.signals import measure, read_signals
 from parmps.sweep import load_sweep
 
@@ -128,6 +129,8 @@ def test_missing_cases_run_failures_are_recorded_and_the_rest_goes_on(write, tmp
     assert float(done["greatest pressure [Pa]"]) == pytest.approx(measure("max", seconds, pressure), rel=1e-7)
     assert float(done["force [N/m]"]) == pytest.approx(measure("rms", seconds, force, 0.005), rel=1e-7)
     assert (out / "greatest pressure.png").stat().st_size > 5000
+    page = write_sweep_page(load_sweep(path)[0]).read_text()
+    assert page.count("data:image/png;base64,") == 2 and "<td>002</td>" in page
 
     (out / "001" / "checkpoint.h5.tmp").rmdir()
     before = (out / "002" / "run.log").stat().st_mtime_ns

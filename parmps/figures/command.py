@@ -1,5 +1,6 @@
 """The command ``plot``: what each of its kinds takes from the command line, draws and writes."""
 
+import argparse
 import csv
 import io
 from pathlib import Path
@@ -22,7 +23,9 @@ def add_commands(parser):
 
     def add(name, draw, about, example="out/sloshing", source="DIR"):
         line = f"example: python -m parmps plot {name} {example}"
-        command = kinds.add_parser(name, help=about, description=about[0].upper() + about[1:] + ".", epilog=line)
+        description = about[0].upper() + about[1:] + "."
+        plain = argparse.RawDescriptionHelpFormatter
+        command = kinds.add_parser(name, help=about, description=description, epilog=line, formatter_class=plain)
         command.set_defaults(draw=draw)
         command.add_argument("source", metavar=source, help="directory of a run" if source == "DIR" else None)
         return command

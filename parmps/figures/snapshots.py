@@ -12,7 +12,8 @@ from parmps.slabs import output_errors
 FIELDS = ("pressure", "speed", "fluid", "surface")
 SCALE_FRAMES = 20
 """Frames that the colour scale of an animation is found from."""
-STILL_TURN = 1e-9
+OPEN_HEIGHT = 1.25
+"""Heights of an open tank that are shown: liquid may splash over."""
 
 
 class View:
@@ -87,7 +88,8 @@ class View:
         low, high : (2,) float64
             m.
         """
-        points = np.concatenate([self.to_earth(self.outline, time) for time in times])
+        reach = self.outline * (1.0, 1.0, 1.0 if self.job.tank.lid else OPEN_HEIGHT)
+        points = np.concatenate([self.to_earth(reach, time) for time in times])
         margin = 0.02 * np.ptp(points, axis=0).max()
         return points.min(axis=0) - margin, points.max(axis=0) + margin
 
