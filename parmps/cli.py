@@ -328,7 +328,7 @@ def _run(job, arguments, domain):
 
     directory = arguments.out or arguments.restart or job.output.directory
     with Interrupt(arguments.wall_limit) as interrupt:
-        run = Run(job, domain, directory, interrupt, arguments.restart)
+        run = Run(job, domain, directory, arguments.restart, interrupt)
         try:
             run.go()
         finally:

@@ -16,7 +16,7 @@ import numpy as np
 import parmps
 from parmps import checkpoint
 from parmps.errors import DivergedError, OutputError, StoppedError
-from parmps.interrupt import reason
+from parmps.interrupt import Interrupt, reason
 from parmps.loader import job_text
 from parmps.output import ParticleFile, ProbeTable, prepare_directory, write_json
 from parmps.particles import FIELDS, FLUID
@@ -69,10 +69,10 @@ class Run:
     domain : Domain
     directory : path-like
         Where results go.
-    interrupt : Interrupt
-        Tells when to stop before the end.
     restart : path-like, optional
         Directory of the run to continue; its results are continued in place.
+    interrupt : Interrupt, optional
+        Tells when to stop before the end; never by default.
 
     Raises
     ------
@@ -80,8 +80,8 @@ class Run:
         On all ranks.
     """
 
-    def __init__(self, job, domain, directory, interrupt, restart=None):
-        self.job, self.domain, self.interrupt = job, domain, interrupt
+    def __init__(self, job, domain, directory, restart=None, interrupt=None):
+        self.job, self.domain, self.interrupt = job, domain, interrupt or Interrupt()
         self.directory = Path(directory)
         self.main = domain.rank == 0
         self.simulation = Simulation(job, domain)

@@ -36,7 +36,7 @@ def go(directory, restart=False, wall_limit=None, overrides=DENSE):
     status = 0
     with contextlib.suppress(ParmpsError), Interrupt(wall_limit) as interrupt:
         try:
-            run = Run(job, Domain(), directory, interrupt, directory if restart else None)
+            run = Run(job, Domain(), directory, directory if restart else None, interrupt)
             run.go()
             run.close()
         except ParmpsError as error:

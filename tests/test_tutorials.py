@@ -7,7 +7,6 @@ import pytest
 
 from parmps.domain import Domain
 from parmps.figures.snapshots import draw_snapshots, make_view
-from parmps.interrupt import Interrupt
 from parmps.loader import load_job
 from parmps.run import Run
 
@@ -18,7 +17,7 @@ TUTORIALS = sorted((Path(__file__).parents[1] / "jobs" / "tutorials").glob("*.ya
 def test_tutorial(path, tmp_path):
     job = load_job(path, ["time.end=0.02"])
     assert job.output.directory == str(path.parents[2] / "out" / "tutorials" / path.stem)
-    run = Run(job, Domain(), tmp_path, Interrupt())
+    run = Run(job, Domain(), tmp_path)
     try:
         run.go()
     finally:
