@@ -95,7 +95,6 @@ class Run:
         self.frames = Schedule(out.particles_every, end)
         self.saves = Schedule(out.checkpoint_every, end)
         self._open_results(restart is not None)
-        self.wall = 0.0
         self._first_step = self.simulation.step_number
         self._good = self.simulation.snapshot()
 
@@ -243,7 +242,7 @@ class Run:
             self._greet()
             self.log.start(s.time, job.time.end)
         self.domain.barrier()
-        start = clock.perf_counter()
+        start = clock.perf_counter(), clock.process_time()
         try:
             self._loop()
             self._finish("done", start)
@@ -291,7 +290,7 @@ class Run:
         )
 
     def _finish(self, status, start):
-        self.wall = clock.perf_counter() - start
+        self.wall, self.cpu = clock.perf_counter() - start[0], clock.process_time() - start[1]
         record = {"status": status, **self.record()}
         # measured by the fields of a solved step, which only a run that came to its end holds at this point
         record["volume_drift"] = self.simulation.volume_drift() if status == "done" else None
@@ -316,8 +315,8 @@ class Run:
         line(f"Results are in {self.directory}; plot them: python postproc/plot_probes.py {self.directory}")
 
     def close(self):
-        """Close all files and free the solver."""
-        self.simulation.solver.close()
+        """Close all files and free the solvers."""
+        self.simulation.close()
         self.particle_file.close()
         if self.main:
             self.table.close()
@@ -344,6 +343,7 @@ class Run:
             "steps": s.step_number,
             "simulated_seconds": s.time,
             "wall_seconds": self.wall,
+            "cpu_seconds": domain.sum(self.cpu),
             "particles": {
                 "fluid": int(kinds[FLUID]),
                 "wall": int(kinds[1]),

@@ -214,3 +214,17 @@ def test_the_scripts_are_the_same_commands(results, name, picture):
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert (done.returncode, done.stderr, done.stdout) == (0, "", f"{results / picture}\n")
     assert is_picture(results / picture)
+
+
+def test_trade_draws_the_pareto_front(tmp_path):
+    rows = ["scene,setting,error [%],CPU time [s]", "wave,coarse,8,1", "wave,fine,1,10", "wave,poor,9,5"]
+    (tmp_path / "trade.csv").write_text("\n".join([*rows, "wave,broken,diverged at t = 1 s,"]) + "\n")
+    command = [sys.executable, COMMANDS / "trade.py", tmp_path / "trade.csv"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    table = (tmp_path / "trade.md").read_text()
+    assert "| coarse | 8.00 | 1.0 | front |" in table
+    assert "| fine | 1.00 | 10.0 | front |" in table
+    assert "| poor | 9.00 | 5.0 |  |" in table
+    assert "diverged at t = 1 s" in table
+    assert (tmp_path / "trade.png").stat().st_size > 5000
