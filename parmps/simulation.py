@@ -297,13 +297,20 @@ class Simulation:
 
     # Time
 
-    def choose_step(self, until):
+    def choose_step(self, until, request=0):
         """Choose the time step by the present state, and learn whether the halo still reaches far enough.
 
         Parameters
         ----------
         until : float
             Time of the next output, which a whole number of steps must reach, s.
+        request : int
+            What this rank wants the others to know, such as a request to stop.
+
+        Returns
+        -------
+        int
+            The greatest request of all ranks.
 
         Raises
         ------
@@ -314,8 +321,9 @@ class Simulation:
         largest = [
             greatest_speed(p.velocity, p.liquid),
             greatest_distance(p.position, self._halo_position) if self.domain.size > 1 else 0.0,
+            request,
         ]
-        speed, moved = self.domain.max(np.array(largest))
+        speed, moved, request = self.domain.max(np.array(largest, float))
         if not math.isfinite(speed):
             raise DivergedError(f"a velocity is not finite at t = {self.time:g} s, step {self.step_number}")
         self.frame = self.motion.at(self.time)
@@ -341,6 +349,7 @@ class Simulation:
         self.activity = self.grid_number + 0.2 * self.courant
         # Two particles of different ranks may approach each other, and move once more before the next look.
         self._stale = 2.0 * (moved + speed * self.dt) > HALO_MARGIN * self.l0
+        return int(request)
 
     def _head(self):
         """Greatest difference of the body force's potential in the liquid, m2/s2: f h of a depth h."""
