@@ -7,11 +7,14 @@ single point 0, is one unit wide and has no walls, so areas and volumes are per 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from parmps.errors import InputError
+from parmps.hull import Polygon, build_hull, hull_axes
+from parmps.kernels.walls import Walls
+from parmps.packing import ROUNDING, Arrangement, arrange
 
 MAX_STRETCH = 0.1  # relative; a lattice stretched more is no longer near the spacing asked for
-ROUNDING = 1e-6  # in spacings; forgives the rounding of decimal input such as 0.25 / 0.005
 INSET = {"half": 0.5, "line": 0.0}  # depth of the wall layer below the wall surface, in spacings
 THINNEST_BAFFLE = 1.1  # in spacings; a thinner one is modelled as thick as this
 
@@ -124,13 +127,16 @@ class Geometry:
     axes : tuple of 3 Axis
     layer_rows : tuple of int
         Number of the lowest row above each layer of liquid, bottom layer first.
-    container : (2, 3) float64, m
-        Lower and upper corner of the tank; -inf and inf along y in 2D.
-    boxes : (m, 2, 3) float64, m
-        Lower and upper corners of the baffles, infinite where they touch a wall.
-    open_top : bool
+    walls : Walls
+        Tank and baffles for the kernels.
     solids : tuple of Solid
         The baffles.
+    hull : Polygon, Round, Mesh or None
+        None where the tank is a box.
+    hull_axes : tuple of int
+        Axes of the tank that are the hull's; the tank is straight along the others.
+    arrangement : Arrangement or None
+        Points in and around the hull, instead of the lattice.
     """
 
     dimension: int
@@ -139,10 +145,11 @@ class Geometry:
     spacing: float
     axes: tuple
     layer_rows: tuple
-    container: np.ndarray
-    boxes: np.ndarray
-    open_top: bool
+    walls: Walls
     solids: tuple
+    hull: object
+    hull_axes: tuple
+    arrangement: Arrangement | None
 
     @property
     def inset(self):
@@ -176,7 +183,7 @@ def build_geometry(job, wall, layers=3):
     """
     size, spacing, top = job.tank.size, job.spacing, layers if job.tank.lid else 0
     _check_stretch(job, wall)
-    depths = [fluid.depth for fluid in job.fluids if fluid.depth is not None]
+    depths = [depth for depth in job.depths if depth is not None]
     x = _axis(_edges(size[0], spacing), size[0], wall, layers, layers)
     y = _flat_axis()
     if job.dimension == 3:
@@ -193,9 +200,32 @@ def build_geometry(job, wall, layers=3):
     container = np.array([[axis.low for axis in axes], [axis.high for axis in axes]])
     solids = tuple(_solid(baffle, axes, mean, wall, job.tank.lid) for baffle in job.tank.baffles)
     boxes = np.array([solid.box for solid in solids]).reshape(-1, 2, 3)
-    return Geometry(
-        job.dimension, wall, layers, mean, axes, layer_rows, container, boxes, not job.tank.lid, solids
+    walls = Walls(container, not job.tank.lid, boxes)
+    hull = build_hull(job.tank, job.dimension)
+    if hull is None:
+        return Geometry(job.dimension, wall, layers, mean, axes, layer_rows, walls, solids, None, (), None)
+    across = hull_axes(hull, job.dimension)
+    arrangement = arrange(
+        hull, [axes[a] for a in across], layer_rows, np.cumsum(depths), mean, INSET[wall], layers
     )
+    walls = walls._replace(**_hull_walls(hull, across))
+    return Geometry(job.dimension, wall, layers, mean, axes, layer_rows, walls, solids, hull, across, arrangement)
+
+
+def _hull_walls(hull, across):
+    """A hull as the kernels know it: fields of `Walls`."""
+    if isinstance(hull, Polygon):
+        # the other edges are the container's
+        sloped = hull.wall & (np.abs(hull.normals) > ROUNDING).all(axis=1)
+        planes = np.zeros((sloped.sum(), 4))
+        planes[:, across] = hull.normals[sloped]
+        planes[:, 3] = hull.offsets[sloped]
+        return {"planes": planes}
+    part = np.zeros((1, 7))
+    part[0, across] = hull.centre
+    part[0, np.add(across, 3)] = 1.0
+    part[0, 6] = hull.radius
+    return {"rounds": part}
 
 
 def _count(length, spacing):
@@ -210,7 +240,7 @@ def _check_stretch(job, wall):
     lengths = {f"tank.size[{axis}]": side for axis, side in enumerate(job.tank.size)}
     if wall == "half":
         del lengths[f"tank.size[{job.dimension - 1}]"]
-        layers = {f"fluids[{n}].depth": fluid.depth for n, fluid in enumerate(job.fluids) if fluid.depth}
+        layers = {f"fluids[{n}].depth": depth for n, depth in enumerate(job.depths) if depth}
         # without layers, the rows fit the height
         lengths |= layers or {f"tank.size[{job.dimension - 1}]": job.tank.height}
 
@@ -380,17 +410,38 @@ def faces(geometry, position, normal, depth):
         # the tank's own particles keep clear of baffles by more than this
         owner[np.abs(distance_to_box(surface, solid.box)) < near] = number
     area = np.zeros_like(position)
-    low, high = geometry.container
+    low, high = geometry.walls.container
     edges = [axis.edges for axis in geometry.axes]
     mine = owner == 0
-    area[mine] = _face_area(surface[mine], normal[mine], high, low, edges, near)
-    area[mine & (np.count_nonzero(np.abs(normal) > ROUNDING, axis=1) > 1)] = 0.0
+    if geometry.hull is None:
+        area[mine] = _face_area(surface[mine], normal[mine], high, low, edges, near)
+        area[mine & (np.count_nonzero(np.abs(normal) > ROUNDING, axis=1) > 1)] = 0.0
+    else:
+        area[mine] = _hull_area(geometry, position[mine], normal[mine])
     for number, solid in enumerate(geometry.solids, start=1):
         mine = owner == number
         low, high = solid.box
         edges = [axis.edges for axis in solid.axes]
         area[mine] = _face_area(surface[mine], normal[mine], low, high, edges, near)
     return owner, area
+
+
+def _hull_area(geometry, position, normal):
+    """Area of the tank's wall that points of a hull's wall layer, or of the ends of a straight tank, stand for."""
+    across, arrangement = list(geometry.hull_axes), geometry.arrangement
+    points, shell = arrangement.points, arrangement.shells[0]
+    _, number = cKDTree(np.concatenate([points, shell.position])).query(position[:, across])
+    on_hull = number >= len(points)
+    area = np.zeros_like(position)
+    area[np.ix_(on_hull, across)] = shell.area[number[on_hull] - len(points)]
+    along = geometry.axes[0]
+    if 0 in across:
+        return area
+    inside = (position[:, 0] > along.low) & (position[:, 0] < along.high)
+    cell = np.searchsorted(along.edges, position[:, 0], side="right") - 1
+    area *= (inside * np.diff(along.edges)[np.clip(cell, 0, len(along.points) - 1)])[:, None]
+    area[~on_hull, 0] = -normal[~on_hull, 0] * arrangement.content.sum() / len(points)
+    return area
 
 
 def _face_area(surface, normal, minus, plus, edges, near):

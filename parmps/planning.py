@@ -144,7 +144,7 @@ def step_estimate(job, spacing):
         State of the flow, its speed (m/s), the step (s) and the bound that governs it.
     """
     force, tank_speed = _motion_extremes(job)
-    depth = sum(fluid.depth or job.tank.height for fluid in job.fluids)
+    depth = sum(depth or job.tank.height for depth in job.depths)
     wave = math.sqrt(job.gravity * min(depth, job.tank.height))
     states = [("at rest", 0.0)]
     speed = max(tank_speed, _initial_speed(job))
@@ -198,7 +198,7 @@ def _initial_speed(job):
     if initial.kind == "velocity":
         return math.hypot(*initial.value)
     if initial.kind == "standing_wave":
-        k, depth = initial.mode * math.pi / job.tank.length, sum(fluid.depth for fluid in job.fluids)
+        k, depth = initial.mode * math.pi / job.tank.length, sum(job.depths)
         # linear wave: amplitude omega coth(k h), at the surface
         return abs(initial.amplitude) * math.sqrt(job.gravity * k / math.tanh(k * depth))
     return 0.0

@@ -155,7 +155,7 @@ def viscosity_matters(job):
         return False, "the viscosity is 0"
     if job.scheme.preset == "papers":
         return True, "the papers' scheme has it"
-    length, depth = job.tank.length, min(job.tank.height, sum(f.depth or job.tank.height for f in job.fluids))
+    length, depth = job.tank.length, min(job.tank.height, sum(depth or job.tank.height for depth in job.depths))
     k = math.pi / length
     rate = math.sqrt(job.gravity * k * math.tanh(k * depth)) if job.gravity > 0.0 else 1.0 / job.time.end
     layer = math.sqrt(2.0 * nu / rate)

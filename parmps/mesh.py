@@ -1,0 +1,4 @@
+"""Tanks from closed surfaces of triangles."""
+
+def read_surface(path):
+    raise NotImplementedError
