@@ -80,6 +80,7 @@ def arrange(hull, axes, layer_rows, levels, spacing, inset, layers):
     gap = hull.distance(lattice_points)[0]
     rows = np.minimum([0, *layer_rows, np.iinfo(int).max], len(axes[-1].points))
     row = np.tile(np.arange(rows[-1]), len(lattice_points) // rows[-1])
+    turn = _turn([len(axis.points) for axis in axes])
     bounds = np.concatenate([[0.0], levels, [axes[-1].high]])
     content = np.diff([hull.content_below(level) for level in bounds])
     heights = axes[-1].points
@@ -93,7 +94,7 @@ def arrange(hull, axes, layer_rows, levels, spacing, inset, layers):
             count = round(content[k] / cell)
         else:  # the liquid keeps a spacing from the wall
             count = np.count_nonzero(gap[here] > (0.5 + ROUNDING) * spacing)
-        kept = here[np.argsort(-gap[here], kind="stable")[:count]]
+        kept = here[np.lexsort((turn[here], -np.rint(gap[here] / (1e-3 * spacing))))[:count]]
         chosen.append(kept)
         layer.append(np.full(len(kept), k))
         low.append(np.full(len(kept), heights[first]))
@@ -106,6 +107,15 @@ def arrange(hull, axes, layer_rows, levels, spacing, inset, layers):
     points[moves] = pack(points[moves], fixed, spacing, hull.distance, clearance, low[moves], high[moves])
     order = np.argsort(points[:, 0], kind="stable")
     return Arrangement(points[order], layer[order], content, shells, parents)
+
+
+def _turn(shape):
+    """Order in which equally deep points of a lattice are kept, so that opposite walls and neighbours alternate."""
+    index = np.indices(shape).reshape(len(shape), -1)
+    opposite = np.array(shape)[:, None] - 1 - index
+    row, side = index[-1], (index < opposite)[:-1].sum(axis=0)
+    scattered = np.sqrt([[2.0], [3.0], [5.0]][: len(shape)]) * np.minimum(index, opposite)
+    return (row + side) % 2 + scattered.sum(axis=0) % 1.0
 
 
 def pack(movable, fixed, spacing, distance, clearance, low, high):
