@@ -204,7 +204,10 @@ def measure_density(sim):
         w.lean,
         w.matrix,
     )
-    density.mark_surface(w.density, w.asymmetry, sim.lattice.density, 0.9 * sim.lattice.asymmetry, w.surface)
+    asymmetry = sim.lattice.asymmetry
+    if s.position == "start" and sim.dimension == 3:  # in 2D the density alone tells particles in corners
+        asymmetry = sim.lattice.corner_asymmetry
+    density.mark_surface(w.density, w.asymmetry, sim.lattice.density, 0.9 * asymmetry, w.surface)
     if s.position == "start":
         w.surface[p.liquid : p.rows] = 0
     else:  # the papers' wall particles can be in the surface, and then have no pressure
