@@ -97,19 +97,22 @@ def _check_chamfer(tank):
 
 
 def _check_baffle(job, baffle, key):
-    vertical = {"x": baffle.x, "bottom": baffle.bottom, "top": baffle.top}
-    horizontal = {"z": baffle.z, "left": baffle.left, "right": baffle.right}
-    given = [name for name, value in (vertical | horizontal).items() if value is not None]
-    if sorted(given) not in (sorted(vertical), sorted(horizontal)):
+    names = ("x", "bottom", "top", "z", "left", "right", "ring")
+    given = [name for name in names if getattr(baffle, name) is not None]
+    if given not in (["x", "bottom", "top"], ["z", "left", "right"], ["x", "ring"], ["z", "ring"]):
         raise InputError(
             key,
-            f"got {', '.join(given) or 'neither'}, must be x, bottom and top (vertical) or z, left and right",
+            f"got {', '.join(given) or 'neither'}, must be x, bottom and top (vertical), z, left and right "
+            "(horizontal), or x or z and ring",
         )
     half = baffle.thickness / 2
     if baffle.vertical:
         extents = {"x": (0, baffle.x - half, baffle.x + half), "bottom": (-1, baffle.bottom, baffle.top)}
     else:
         extents = {"z": (-1, baffle.z - half, baffle.z + half), "left": (0, baffle.left, baffle.right)}
+    if baffle.ring is not None:
+        _check_ring(job, baffle, key)
+        extents = {name: extent for name, extent in extents.items() if extent[1] is not None}
     if baffle.width is not None:
         if job.dimension == 2:
             raise InputError(f"{key}.width", "a 2D tank has no width")
@@ -123,6 +126,36 @@ def _check_baffle(job, baffle, key):
                 f"{key}.{name}",
                 f"the baffle reaches from {low:g} m to {high:g} m, outside the tank's 0 m to {side:g} m",
             )
+
+
+    if baffle.openings:
+        _check_openings(job, baffle, key)
+
+
+def _check_ring(job, baffle, key):
+    if job.dimension == 2 or job.tank.shape not in ("box", "prism"):
+        raise InputError(f"{key}.ring", f"needs a 3D tank of shape box or prism, not a {job.dimension}D {job.tank.shape}")
+    if baffle.width is not None or baffle.openings:
+        raise InputError(f"{key}.ring", "a ring goes all around the tank and has no width or openings")
+    side = min(job.tank.size[1:] if baffle.vertical else job.tank.size[:2])
+    if 2 * baffle.ring >= side:
+        raise InputError(f"{key}.ring", f"got {baffle.ring:g} m, must be less than half of {side:g} m")
+
+
+def _check_openings(job, baffle, key):
+    if job.dimension == 2:
+        raise InputError(f"{key}.openings", "a 2D plate has none; give the parts between them as baffles")
+    across = baffle.width or (0.0, job.tank.size[1])
+    plate = (across, (baffle.bottom, baffle.top)) if baffle.vertical else ((baffle.left, baffle.right), across)
+    for number, corners in enumerate(baffle.openings):
+        for low, high, (first, last) in zip(*corners, plate, strict=True):
+            if low >= high:
+                raise InputError(f"{key}.openings[{number}]", "the first corner must be the lower")
+            if low <= first or high >= last:
+                raise InputError(
+                    f"{key}.openings[{number}]",
+                    f"reaches from {low:g} m to {high:g} m, must lie inside the plate's {first:g} m to {last:g} m",
+                )
 
 
 def _check_fluids(job):

@@ -71,8 +71,12 @@ class Chamfer(Section):
     top: Legs | None = setting("legs of both upper chamfers: [horizontal, vertical]", "m", None)
 
 
+Corner = Annotated[tuple[Coordinate, ...], Field(min_length=2, max_length=2)]
+Opening = Annotated[tuple[Corner, ...], Field(min_length=2, max_length=2)]
+
+
 class Baffle(Section):
-    """A rigid plate: vertical (x, bottom, top) or horizontal (z, left, right), always with a thickness."""
+    """A rigid plate: vertical (x, bottom, top), horizontal (z, left, right) or a ring (x or z, and ring)."""
 
     thickness: Length = setting("thickness of the plate", "m")
     x: Coordinate | None = setting("centre of a vertical baffle along the length", "m", None)
@@ -82,6 +86,18 @@ class Baffle(Section):
     left: Coordinate | None = setting("left end of a horizontal baffle", "m", None)
     right: Coordinate | None = setting("right end of a horizontal baffle", "m", None)
     width: Interval | None = setting("extent [y0, y1] across a 3D tank; null: the full width", "m", None)
+
+    ring: Length | None = setting(
+        "width of a ring along the walls of a 3D box or prism, at x or at z: a plate as large as the box around the "
+        "tank with one opening",
+        "m",
+        None,
+    )
+    openings: Annotated[tuple[Opening, ...], Field(max_length=50)] = setting(
+        "openings of a plate in 3D: [[y0, z0], [y1, z1]] in a vertical one, [[x0, y0], [x1, y1]] in a horizontal one",
+        "m",
+        (),
+    )
 
     @property
     def vertical(self):

@@ -479,27 +479,49 @@ def _solid_walls(geometry, number):
     def along(name):
         return np.stack([getattr(axis, name)[index[:, a]] for a, axis in enumerate(solid.axes)], axis=1)
 
-    rank, beyond = along("rank"), along("beyond")
+    position = along("points")
+    rank, beyond, outward, to_face = (along(name) for name in ("rank", "beyond", "outward", "to_face"))
+    for opening in solid.openings:
+        _face_opening(opening, solid, position, index, rank, outward, to_face)
     least = rank.min(axis=1)
     level = np.maximum(least + 1, np.abs(beyond).max(axis=1))
-    near = level <= geometry.layers
+    near = (level <= geometry.layers) & ~_inside_any(position, solid.openings)
     index, rank, beyond, least, level = index[near], rank[near], beyond[near], least[near], level[near]
+    position, outward, to_face = position[near], outward[near], to_face[near]
     facing = rank == least[:, None]
-    outward = np.where(facing, along("outward"), np.sign(beyond))
-    to_surface = np.where(facing, along("to_face"), along("to_wall"))
+    outward = np.where(facing, outward, np.sign(beyond))
+    to_surface = np.where(facing, to_face, along("to_wall"))
     to_surface = np.where(facing | (beyond != 0), to_surface, 0.0)
     parent = index + np.where(facing, outward * least[:, None], 0)
     parent += np.where(~facing, np.sign(beyond) * np.maximum(np.abs(beyond) - 1, 0), 0)
-    position = along("points")
     piece = _wall_piece(position, level, to_surface, outward, index, parent, shape)
     piece["keep"] = np.ones(len(index), bool)
     if geometry.hull is not None:
         piece["keep"] &= geometry.hull.distance(position[:, geometry.hull_axes])[0] > 0.0
     surface = position + to_surface
-    for other, box in enumerate(geometry.walls.solids):
-        if other != number:
+    for other, hiding in enumerate(geometry.solids):
+        for box in hiding.boxes if other != number else ():
             piece["keep"] &= distance_to_box(surface, box) > -ROUNDING * geometry.spacing
     return piece
+
+
+def _inside_any(position, boxes):
+    inside = [((position > box[0]) & (position < box[1])).all(axis=1) for box in boxes]
+    return np.any(inside, axis=0) if inside else np.zeros(len(position), bool)
+
+
+def _face_opening(opening, solid, position, index, rank, outward, to_face):
+    """Let the points of a baffle beside an opening face it, where it is nearer than what they face."""
+    level = {a: (position[:, a] > opening[0, a]) & (position[:, a] < opening[1, a]) for a in solid.across}
+    for a, b in (solid.across, solid.across[::-1]):
+        points = solid.axes[a].points
+        first = np.searchsorted(points, opening[0, a], side="right")
+        last = np.searchsorted(points, opening[1, a], side="left") - 1
+        for side, steps in ((1, first - 1 - index[:, a]), (-1, index[:, a] - last - 1)):
+            nearer = level[b] & (steps >= 0) & (steps < rank[:, a])
+            rank[nearer, a] = steps[nearer]
+            outward[nearer, a] = side
+            to_face[nearer, a] = opening[0 if side == 1 else 1, a] - position[nearer, a]
 
 
 # ---- initial state
