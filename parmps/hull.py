@@ -1,4 +1,4 @@
-"""Hulls of tanks that are no boxes: polygons, circles, balls.
+"""Hulls of tanks that are no boxes: polygons, circles and balls; those of triangles are in :mod:`parmps.mesh`.
 
 A hull knows the distance from its walls, its content below a level, and puts particles evenly on shells parallel
 to its walls. It has two coordinates, [across, up], where it is the cross-section of a tank that is straight along
@@ -7,32 +7,14 @@ its length, and three otherwise.
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
+from parmps.mesh import load_hull
+from parmps.shell import Shell
+
 TOUCH = 1e-9
 """Length, in sizes of the tank, of an edge between chamfers that is none."""
-
-
-class Shell(NamedTuple):
-    """Points evenly spaced on a curve or surface parallel to the walls, outside of them.
-
-    Attributes
-    ----------
-    position : (n, d) float64, m
-    surface : (n, d) float64, m
-        Nearest point of the wall.
-    normal : (n, d) float64
-        Into the tank; in a corner of a polygon, towards the corner.
-    area : (n, d) float64, m or m2
-        Wall that the point stands for, directed out of the liquid; 0 in corners.
-    """
-
-    position: np.ndarray
-    surface: np.ndarray
-    normal: np.ndarray
-    area: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -207,13 +189,15 @@ class Round:
         return Shell(surface + depth * out, surface, -out, share * out)
 
 
-def build_hull(tank, dimension):
+def build_hull(tank, dimension, spacing):
     """Make the hull of a tank.
 
     Parameters
     ----------
     tank : parmps.scene.Tank
     dimension : int
+    spacing : float, m
+        Of the particles.
 
     Returns
     -------
@@ -224,6 +208,8 @@ def build_hull(tank, dimension):
         return None
     if tank.shape == "prism":
         return _chamfered(tank)
+    if tank.shape == "stl":
+        return load_hull(tank.surface, spacing)
     size = np.array(tank.size)
     if tank.shape == "cylinder":
         return Round(size[-2:] / 2, float(size[-1] / 2))

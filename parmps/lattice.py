@@ -13,11 +13,14 @@ from scipy.spatial import cKDTree
 from parmps.errors import InputError
 from parmps.hull import Polygon, build_hull, hull_axes
 from parmps.kernels.walls import Walls
+from parmps.mesh import Mesh
 from parmps.packing import ROUNDING, Arrangement, arrange
 
 MAX_STRETCH = 0.1  # relative; a lattice stretched more is no longer near the spacing asked for
 INSET = {"half": 0.5, "line": 0.0}  # depth of the wall layer below the wall surface, in spacings
 THINNEST_BAFFLE = 1.1  # in spacings; a thinner one is modelled as thick as this
+# With wall particles on the wall line, [004] (case 3) resolves a baffle of 1.2 spacings by one column.
+SHEET, SHEET_BELOW = 0.1, 1.5  # in spacings: thickness of such a column, and of what it stands for
 
 
 @dataclass(frozen=True)
@@ -238,7 +241,7 @@ def build_geometry(job, wall, layers=3):
     solids = tuple(_solid(baffle, axes, mean, wall, job.tank.lid) for baffle in job.tank.baffles)
     boxes = np.concatenate([np.empty((0, 2, 3)), *[solid.boxes for solid in solids]])
     walls = Walls(container, not job.tank.lid, boxes)
-    hull = build_hull(job.tank, job.dimension)
+    hull = build_hull(job.tank, job.dimension, spacing)
     if hull is None:
         return Geometry(job.dimension, wall, layers, mean, axes, layer_rows, walls, solids, None, (), None)
     across = hull_axes(hull, job.dimension)
@@ -258,6 +261,8 @@ def _hull_walls(hull, across):
         planes[:, across] = hull.normals[sloped]
         planes[:, 3] = hull.offsets[sloped]
         return {"planes": planes}
+    if isinstance(hull, Mesh):
+        return {"field": hull.sampled.field, "frame": hull.sampled.frame}
     part = np.zeros((1, 7))
     part[0, across] = hull.centre
     part[0, np.add(across, 3)] = 1.0
@@ -343,6 +348,8 @@ def _flat_axis():
 def _solid(baffle, axes, spacing, wall, lid):
     # A thinner plate would put the wall particles of its two sides upon or beyond one another.
     half = max(baffle.thickness, THINNEST_BAFFLE * spacing) / 2
+    if wall == "line" and baffle.thickness < (SHEET_BELOW - ROUNDING) * spacing:
+        half = SHEET * spacing / 2
     y = axes[1]
     across = (y.low, y.high) if baffle.width is None else baffle.width
     length, height = axes[0].high, axes[2].high

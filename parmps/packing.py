@@ -146,17 +146,13 @@ def pack(movable, fixed, spacing, distance, clearance, low, high):
     scale = dimension / lattice(dimension, REACH).density
     others = cKDTree(fixed)
     for _ in range(STEPS):
-        force = np.zeros_like(at)
+        force = asymmetry(at, spacing, dimension)
         tree = cKDTree(at)
-        i, j = tree.query_pairs(REACH * spacing, output_type="ndarray").T
-        push = _push(at[i] - at[j], spacing)
-        for axis in range(dimension):
-            force[:, axis] += np.bincount(i, push[:, axis], n) - np.bincount(j, push[:, axis], n)
         near = tree.sparse_distance_matrix(others, REACH * spacing, output_type="coo_matrix")
         push = _push(at[near.row] - fixed[near.col], spacing)
         for axis in range(dimension):
-            force[:, axis] += np.bincount(near.row, push[:, axis], n)
-        force *= SHARE * scale
+            force[:, axis] += scale * np.bincount(near.row, push[:, axis], n)
+        force *= SHARE
         size = np.linalg.norm(force, axis=1)
         at += spacing * force * np.minimum(1.0, LARGEST / np.maximum(size, 1e-300))[:, None]
         for _ in range(2):
@@ -164,6 +160,27 @@ def pack(movable, fixed, spacing, distance, clearance, low, high):
             at += np.maximum(clearance - gap, 0.0)[:, None] * normal
         at[:, -1] = np.clip(at[:, -1], low, high)
     return at
+
+
+def asymmetry(position, spacing, dimension):
+    """Asymmetry F = D/n0 sum W (r_i - r_j)/r_ij of points among themselves.
+
+    Parameters
+    ----------
+    position : (n, d) float64, m
+    spacing : float, m
+    dimension : int
+        That of the lattice which F is scaled by; 2 for points on a surface.
+
+    Returns
+    -------
+    (n, d) float64
+    """
+    i, j = cKDTree(position).query_pairs(REACH * spacing, output_type="ndarray").T
+    push = dimension / lattice(dimension, REACH).density * _push(position[i] - position[j], spacing)
+    n = len(position)
+    sums = [np.bincount(i, along, n) - np.bincount(j, along, n) for along in push.T]
+    return np.stack(sums, axis=1)
 
 
 def _push(vector, spacing):
