@@ -54,7 +54,8 @@ def _check_tank(job):
     around = {"cylinder": tank.size[-2:], "sphere": tank.size}.get(tank.shape, tank.size[:1])
     if max(around) - min(around) > TOLERANCE * max(around):
         raise InputError(
-            "tank.size", f"got {list(tank.size)}, the last {len(around)} must be equal, the diameter of the {tank.shape}"
+            "tank.size",
+            f"got {list(tank.size)}, the last {len(around)} must be equal, the diameter of the {tank.shape}",
         )
     if tank.shape == "prism":
         _check_chamfer(tank)
@@ -134,7 +135,8 @@ def _check_baffle(job, baffle, key):
 
 def _check_ring(job, baffle, key):
     if job.dimension == 2 or job.tank.shape not in ("box", "prism"):
-        raise InputError(f"{key}.ring", f"needs a 3D tank of shape box or prism, not a {job.dimension}D {job.tank.shape}")
+        found = f"{job.dimension}D {job.tank.shape}"
+        raise InputError(f"{key}.ring", f"needs a 3D tank of shape box or prism, not a {found}")
     if baffle.width is not None or baffle.openings:
         raise InputError(f"{key}.ring", "a ring goes all around the tank and has no width or openings")
     side = min(job.tank.size[1:] if baffle.vertical else job.tank.size[:2])
@@ -367,8 +369,8 @@ def _resolution_warnings(job):
     for axis, side in enumerate(job.tank.size):
         if spacing > side:
             yield f"spacing: {spacing:g} m is larger than the tank's side of {side:g} m (tank.size[{axis}])"
-    for number, fluid in enumerate(job.fluids):
-        depth = job.depths[number] or np.inf
+    for number, thickness in enumerate(job.depths):
+        depth = thickness or np.inf
         rows = depth / spacing
         if rows < 5:
             yield (

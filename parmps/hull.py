@@ -120,7 +120,7 @@ class Polygon:
             side = np.linalg.norm(edge)
             # beyond the ends of the edge, the nearest point of the wall is the corner
             along = np.clip((position - corner) @ edge / side**2, 0.0, 1.0)
-            surface = corner + along[:, None] * edge
+            surface = corner + along[:, None] * edge if depth > 0.0 else position
             area = np.full(count, side / max(count - before_is_wall, 1))
             normal = np.tile(normals[k], (count, 1))
             if before_is_wall:

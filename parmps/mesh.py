@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from parmps.errors import InputError
 from parmps.kernels.triangles import sample_distance
 from parmps.kernels.walls import Walls, distances
-from parmps.packing import REACH, SHARE, STEPS, asymmetry
+from parmps.packing import RENEW, SHARE, STEPS, asymmetry, neighbours
 from parmps.shell import Shell
 
 BAND = 7.0
@@ -135,17 +135,20 @@ class Mesh:
         """Points on a surface outside: picked at random with a least distance, then moved until they are even."""
         walls = self.sampled
         step = walls.frame[3]
-        beyond = walls.field + depth
-        near = np.argwhere(np.abs(beyond) < step)
-        area = len(near) * step**3 / (2.0 * step)  # of the surface, whose distance has the gradient 1 (co-area formula)
-        node = walls.frame[:3] + step * np.random.default_rng(0).permutation(near)
-        node = self._onto(node, depth)
+        share = np.maximum(1.0 - np.abs(walls.field + depth) / step, 0.0)
+        near = np.argwhere(share > 0.0)
+        area = step**2 * share.sum()  # co-area formula: the gradient of the distance is 1
+        random = np.random.default_rng(0)
+        node = random.permutation(near) + random.uniform(-0.5, 0.5, near.shape)
+        node = self._onto(walls.frame[:3] + step * node, depth)
         gap, wanted = FIRST_GAP * spacing, area / spacing**2
-        for _ in range(4):
+        for _ in range(6):
             at = node[_apart(node, gap)]
             gap *= (len(at) / wanted) ** 0.5
-        for _ in range(STEPS):
-            at = self._onto(at + spacing * SHARE * asymmetry(at, spacing, 2), depth)
+        for turn in range(STEPS):
+            if turn % RENEW == 0:
+                pairs = neighbours(at, at, spacing)
+            at = self._onto(at + spacing * SHARE * asymmetry(at, at, pairs, spacing, 2), depth)
         _, normal = self.distance(at)
         side = self.triangles[:, 1:] - self.triangles[:, :1]
         own = 0.5 * np.linalg.norm(np.cross(side[:, 0], side[:, 1]), axis=1).sum()

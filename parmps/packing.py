@@ -12,6 +12,10 @@ ROUNDING = 1e-6
 REACH = 2.1
 """Radius of the neighbourhood whose asymmetry is evened out, in spacings: that of the scheme's shifting."""
 STEPS = 100
+RENEW = 10
+"""Steps between two searches for neighbours, and"""
+MARGIN = 0.6
+"""how far beyond the radius these look, in spacings."""
 SHARE = 0.15
 """Of the asymmetry that a step removes."""
 LARGEST = 0.1
@@ -142,17 +146,11 @@ def pack(movable, fixed, spacing, distance, clearance, low, high):
     (n, d) float64, m
     """
     at = movable.copy()
-    n, dimension = at.shape
-    scale = dimension / lattice(dimension, REACH).density
-    others = cKDTree(fixed)
-    for _ in range(STEPS):
-        force = asymmetry(at, spacing, dimension)
-        tree = cKDTree(at)
-        near = tree.sparse_distance_matrix(others, REACH * spacing, output_type="coo_matrix")
-        push = _push(at[near.row] - fixed[near.col], spacing)
-        for axis in range(dimension):
-            force[:, axis] += scale * np.bincount(near.row, push[:, axis], n)
-        force *= SHARE
+    dimension = at.shape[1]
+    for step in range(STEPS):
+        if step % RENEW == 0:
+            own, others = neighbours(at, at, spacing), neighbours(at, fixed, spacing)
+        force = SHARE * (asymmetry(at, at, own, spacing, dimension) + asymmetry(at, fixed, others, spacing, dimension))
         size = np.linalg.norm(force, axis=1)
         at += spacing * force * np.minimum(1.0, LARGEST / np.maximum(size, 1e-300))[:, None]
         for _ in range(2):
@@ -162,12 +160,35 @@ def pack(movable, fixed, spacing, distance, clearance, low, high):
     return at
 
 
-def asymmetry(position, spacing, dimension):
-    """Asymmetry F = D/n0 sum W (r_i - r_j)/r_ij of points among themselves.
+def neighbours(position, other, spacing):
+    """Pairs of points that are, or may come before the pairs are renewed, within reach of each other.
 
     Parameters
     ----------
     position : (n, d) float64, m
+    other : (m, d) float64, m
+    spacing : float, m
+
+    Returns
+    -------
+    (2, k) int64
+        Numbers of the points, and of the others.
+    """
+    reach = (REACH + MARGIN) * spacing
+    near = cKDTree(position).sparse_distance_matrix(cKDTree(other), reach, output_type="ndarray")
+    near = near[near["v"] > 0.0]
+    return np.stack([near["i"], near["j"]])
+
+
+def asymmetry(position, other, pairs, spacing, dimension):
+    """Asymmetry F = D/n0 sum W (r_i - r_j)/r_ij of points among others.
+
+    Parameters
+    ----------
+    position : (n, d) float64, m
+    other : (m, d) float64, m
+    pairs : (2, k) int64
+        As made by `neighbours`.
     spacing : float, m
     dimension : int
         That of the lattice which F is scaled by; 2 for points on a surface.
@@ -176,13 +197,9 @@ def asymmetry(position, spacing, dimension):
     -------
     (n, d) float64
     """
-    i, j = cKDTree(position).query_pairs(REACH * spacing, output_type="ndarray").T
-    push = dimension / lattice(dimension, REACH).density * _push(position[i] - position[j], spacing)
-    n = len(position)
-    sums = [np.bincount(i, along, n) - np.bincount(j, along, n) for along in push.T]
-    return np.stack(sums, axis=1)
-
-
-def _push(vector, spacing):
-    r = np.maximum(np.linalg.norm(vector, axis=1) / spacing, 1e-3)
-    return vector * (weight.py_func(r, REACH) / (r * spacing))[:, None]
+    i, j = pairs
+    away = position[i] - other[j]
+    r = np.maximum(np.linalg.norm(away, axis=1), 1e-3 * spacing)
+    w = np.maximum(weight.py_func(r / spacing, REACH), 0.0)
+    away *= (dimension / lattice(dimension, REACH).density * w / r)[:, None]
+    return np.stack([np.bincount(i, along, len(position)) for along in away.T], axis=1)

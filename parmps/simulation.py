@@ -279,7 +279,8 @@ class Simulation:
             return
         at = p.position[: p.liquid]
         above = at[:, 2] > walls.container[1, 2]
-        beside = np.any((at < walls.container[0]) | (at > walls.container[1]), axis=1, where=[True, self.dimension == 3, False])
+        outside = (at < walls.container[0]) | (at > walls.container[1])
+        beside = np.any(outside, axis=1, where=[True, self.dimension == 3, False])
         for i in np.flatnonzero(above & beside & (p.kind[: p.liquid] == FLUID)):
             p.kind[i] = OUT
             p.velocity[i] = p.pressure[i] = 0.0

@@ -93,7 +93,8 @@ def place(job, wall, part=0, parts=1, layers=3):
     """Place the particles of a job, or one of several nearly equal shares of them.
 
     A share is a range of ids, and liquid is numbered along x last, so that it is a slab of the tank. Only the
-    wall particles, few beside the liquid, are all held for a moment by each caller.
+    wall particles, few beside the liquid, are all held for a moment by each caller; of a tank that is no box,
+    also the points of its cross-section, or where it is not straight along x, of all its inside.
 
     Parameters
     ----------
@@ -240,10 +241,7 @@ def _fluid_at(job, geometry, position, layer):
     found = np.full(len(position), -1, np.int8)
     layers = itertools.count()
     for number, fluid in enumerate(job.fluids):
-        if fluid.region is None:
-            here = layer == next(layers)
-        else:
-            here = _in_region(geometry, fluid.region, position)
+        here = layer == next(layers) if fluid.region is None else _in_region(geometry, fluid.region, position)
         twice = here & (found >= 0)
         if twice.any():
             at = position[np.argmax(twice)]
