@@ -8,7 +8,7 @@ from parmps.kernels.walls import distances
 from parmps.kernels.weight import lattice
 from parmps.motion import Motion
 from parmps.particles import DUMMY, FIELDS, FLUID, WALL
-from parmps.simulation import HALO_MARGIN, STEADY_STEP, VISCOUS_STEP, Work, wall_layers
+from parmps.simulation import HALO_MARGIN, IMPLICIT_GAIN, STEADY_STEP, VISCOUS_STEP, WAVE_STEP, Work, wall_layers
 from parmps.slabs import output_errors
 from parmps.stages import make_plan
 from parmps.tank import count_particles, place
@@ -147,8 +147,7 @@ def step_estimate(job, spacing):
         State of the flow, its speed (m/s), the step (s) and the bound that governs it.
     """
     force, tank_speed = _motion_extremes(job)
-    depth = sum(depth or job.tank.height for depth in job.depths)
-    wave = math.sqrt(job.gravity * min(depth, job.tank.height))
+    wave = math.sqrt(job.gravity * _depth(job))
     states = [("at rest", 0.0)]
     speed = max(tank_speed, _initial_speed(job))
     if speed > 0.0:
@@ -162,6 +161,11 @@ def step_estimate(job, spacing):
     return out
 
 
+def _depth(job):
+    """Depth of the liquid, m; that of the tank for regions."""
+    return min(sum(depth or job.tank.height for depth in job.depths), job.tank.height)
+
+
 def _bound(job, spacing, force, speed):
     """Step and the bound that governs it; the bounds are those of `Simulation.choose_step`."""
     control, viscosity = job.time, job.fluids[0].kinematic_viscosity
@@ -172,9 +176,14 @@ def _bound(job, spacing, force, speed):
         bounds.append((control.cfl * spacing / speed, f"cfl: {control.cfl:g} l0/u"))
     if force > 0.0:
         bounds.append((STEADY_STEP * math.sqrt(spacing / force), f"body force: {STEADY_STEP:g} sqrt(l0/f)"))
+    if force > 0.0 and job.scheme.position == "moved":
+        wave = math.sqrt(force * _depth(job))
+        bounds.append((WAVE_STEP * spacing / wave, f"explicit move: {WAVE_STEP:g} l0/sqrt(f h)"))
     plan = make_plan(job, 1)
     if any(stage.name == "viscosity" for stage in (*plan.solve, *plan.move)):
-        bounds.append((VISCOUS_STEP * spacing**2 / viscosity, f"viscosity: {VISCOUS_STEP:g} l0^2/nu"))
+        explicit = VISCOUS_STEP * spacing**2 / viscosity
+        if min(bounds)[0] <= IMPLICIT_GAIN * explicit:
+            bounds.append((explicit, f"viscosity: {VISCOUS_STEP:g} l0^2/nu"))
     step, bound = min(bounds)
     every = job.output.probes_every  # reached in a whole number of steps
     return every / math.ceil(every / step * (1.0 - 1e-9)), bound

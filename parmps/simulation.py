@@ -14,7 +14,7 @@ from parmps.kernels.weight import lattice
 from parmps.motion import Motion
 from parmps.neighbors import Pairs
 from parmps.particles import FLUID, OUT, Particles
-from parmps.pressure import Blocks, PressureSolver
+from parmps.pressure import Blocks, PressureSolver, VelocitySolver
 from parmps.stages import make_plan, pressure_gradient, smooth_density
 from parmps.tank import initial_velocity, place
 
@@ -28,8 +28,12 @@ SORT_EVERY = 400
 """Steps after which particles are sorted again for the sake of the caches."""
 STEADY_STEP = 0.25
 """Bound of the step by the body force f: dt <= 0.25 sqrt(l0 / f)."""
+WAVE_STEP = 0.2
+"""Bound of the step by the liquid's head f h where it moves before its pressure is known: dt <= 0.2 l0 / sqrt(f h)."""
 VISCOUS_STEP = 0.2
-"""Bound of the step by viscosity: dt <= 0.2 l0^2 / nu."""
+"""Bound of the step by explicit viscosity: dt <= 0.2 l0^2 / nu."""
+IMPLICIT_GAIN = 1.5
+"""How much longer the step must get for the implicit viscous step, which costs about half of another step, to pay."""
 
 
 COUNTERS = (
@@ -94,6 +98,8 @@ class Simulation:
     courant, grid_number, activity : float
         Time step in the units that shifting and damping refer to: u dt / l0 with the greatest speed u,
         sqrt(f / l0) dt with the body force f, and the latter plus a fifth of the former.
+    implicit : bool
+        Whether the viscous step is implicit, so that it does not bound the time step.
     contacts, put_back : int
         Of this rank: contacts of close particles, particles put back from walls.
     """
@@ -117,7 +123,9 @@ class Simulation:
         self.wide_lattice = lattice(job.dimension, scheme.volume_radius)
         self.surface_lean = self.lattice.lean
         self.plan = make_plan(job, domain.size)
+        self.seconds = {stage.name: 0.0 for stage in (*self.plan.solve, *self.plan.move)}
         self.solver = PressureSolver(domain.comm, scheme.ksp_rtol)
+        self.velocity_solver = VelocitySolver(domain.comm) if "viscosity" in self.seconds else None
         reach = max(scheme.radius, scheme.laplacian_radius) * self.l0
         moved = scheme.position == "moved"
         self.pairs = Pairs(reach, self.geometry.walls.solids, wall_pairs=moved)
@@ -134,6 +142,7 @@ class Simulation:
         self.time, self.step_number, self.dt = 0.0, 0, 0.0
         self.frame = self.motion.at(0.0)
         self.courant = self.grid_number = self.activity = 0.0
+        self.implicit = False
         self.contacts = self.put_back = 0
         self.left = []
         self.largest_kinetic = 0.0
@@ -141,7 +150,6 @@ class Simulation:
         self.iterations, self.iterations_max = 0, 0
         self.step_min, self.step_max = math.inf, 0.0
         self.floating = Floating(np.full(0, -1), 0)
-        self.seconds = {stage.name: 0.0 for stage in (*self.plan.solve, *self.plan.move)}
         self.started = False
         self.distribute()
         self.initial_energy = self.kinetic_energy()
@@ -160,6 +168,8 @@ class Simulation:
         p = self.particles
         self._first_row = self.domain.first_of(p.rows)
         self.solver.new_layout(p.rows)
+        if self.velocity_solver is not None:
+            self.velocity_solver.new_layout(p.rows)
         self._sorted_at = self.step_number
         self._check_floating = True
         self.rebuild_halo()
@@ -210,13 +220,13 @@ class Simulation:
         self.started = True
         p = self.particles
         velocity = p.velocity[: p.liquid].copy()
-        if not self.plan.solve or self.domain.max(float(np.abs(velocity).max(initial=0.0))) == 0.0:
+        if self.domain.max(float(np.abs(velocity).max(initial=0.0))) == 0.0:
             return
         self.choose_step(self.job.time.max_step or self.job.output.probes_every)
         self.frame = self.frame._replace(
             force=np.zeros(3), alpha=np.zeros(3), omega=np.zeros(3)
         )
-        for stage in self.plan.solve:
+        for stage in self.plan.project:
             stage.run(self)
         pressure_gradient(self)
         p.velocity[: p.liquid] = velocity - self.dt * p.acceleration[: p.liquid]
@@ -318,9 +328,14 @@ class Simulation:
             bounds.append(control.cfl * self.l0 / speed)
         if force > 0.0:
             bounds.append(STEADY_STEP * math.sqrt(self.l0 / force))
-        if "viscosity" in self.seconds:
-            bounds.append(VISCOUS_STEP * self.l0**2 / self.viscosity)
+        if self.scheme.position == "moved":
+            bounds.append(WAVE_STEP * self.l0 / math.sqrt(max(self._head(), 1e-300)))
         left = until - self.time
+        if "viscosity" in self.seconds:
+            explicit = VISCOUS_STEP * self.l0**2 / self.viscosity
+            self.implicit = min(*bounds, left) > IMPLICIT_GAIN * explicit
+            if not self.implicit:
+                bounds.append(explicit)
         steps = max(math.ceil(left / min(bounds) * (1.0 - 1e-9)), 1)
         self.dt = left / steps
         self._end_of_step = until if steps == 1 else self.time + self.dt
@@ -329,6 +344,13 @@ class Simulation:
         self.activity = self.grid_number + 0.2 * self.courant
         # Two particles of different ranks may approach each other, and move once more before the next look.
         self._stale = 2.0 * (moved + speed * self.dt) > HALO_MARGIN * self.l0
+
+    def _head(self):
+        """Greatest difference of the body force's potential in the liquid, m2/s2: f h of a depth h."""
+        p = self.particles
+        potential = p.position[: p.liquid] @ self.frame.force
+        ends = [potential.max(initial=-math.inf), (-potential).max(initial=-math.inf)]
+        return float(np.sum(self.domain.max(np.array(ends))))
 
     def solve(self):
         """Find the pressure at the present time."""
@@ -390,6 +412,12 @@ class Simulation:
         self.started = True
         self.particles = Particles(snapshot["arrays"])
         self.distribute()
+
+    def close(self):
+        """Free the solvers."""
+        self.solver.close()
+        if self.velocity_solver is not None:
+            self.velocity_solver.close()
 
     # Sums over the liquid
 

@@ -6,12 +6,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from parmps.kernels.compiled import compiled
-
 
 @njit(inline="always")
 def weight(distance, reach):
-    """Non-singular weight W(r) = r_e / (0.85 r + 0.15 r_e) - 1 ([002] eq. 4, [004] eq. 4).
+    """Non-singular weight W(r) = r_e / (0.85 r + 0.15 r_e) - 1, in one fraction ([002] eq. 4, [004] eq. 4).
 
     Parameters
     ----------
@@ -24,10 +22,10 @@ def weight(distance, reach):
     -------
     float
     """
-    return reach / (0.85 * distance + 0.15 * reach) - 1.0
+    return 0.85 * (reach - distance) / (0.85 * distance + 0.15 * reach)
 
 
-@compiled
+@njit(inline="always")
 def smooth_weight(distance, reach):
     """Bell-shaped C2 weight (1 - q)^4 (1 + 4 q), q = r / r_e, not normalised (Wendland 1995).
 
@@ -43,9 +41,7 @@ def smooth_weight(distance, reach):
     -------
     float
     """
-    if distance >= reach:
-        return 0.0
-    q = distance / reach
+    q = min(distance / reach, 1.0)
     return (1.0 - q) ** 4 * (1.0 + 4.0 * q)
 
 
