@@ -128,8 +128,8 @@ class Simulation:
         self.velocity_solver = VelocitySolver(domain.comm) if "viscosity" in self.seconds else None
         reach = max(scheme.radius, scheme.laplacian_radius) * self.l0
         moved = scheme.position == "moved"
-        self.pairs = Pairs(reach, self.geometry.boxes, wall_pairs=moved)
-        self.wide_pairs = Pairs(scheme.volume_radius * self.l0, self.geometry.boxes, wall_rows=False)
+        self.pairs = Pairs(reach, self.geometry.walls.solids, wall_pairs=moved)
+        self.wide_pairs = Pairs(scheme.volume_radius * self.l0, self.geometry.walls.solids, wall_rows=False)
         wide = scheme.volume_radius if scheme.volume_time is not None else 0.0
         self.halo_width = (max(scheme.radius, scheme.laplacian_radius, wide) + HALO_MARGIN) * self.l0
         arrays = {
@@ -281,15 +281,16 @@ class Simulation:
 
     def keep_inside(self):
         """Put particles back that a wall should have stopped, and tell those that left an open tank."""
-        p, g = self.particles, self.geometry
+        p, walls = self.particles, self.geometry.walls
         self.put_back += keep_off_walls(
-            p.position, p.velocity, p.kind, g.container, g.boxes, g.open_top, 0.2 * self.l0, p.liquid
+            p.position, p.velocity, p.kind, walls, 0.2 * self.l0, p.liquid
         )
-        if not g.open_top:
+        if not walls.open_top:
             return
         at = p.position[: p.liquid]
-        above = at[:, 2] > g.container[1, 2]
-        beside = np.any((at < g.container[0]) | (at > g.container[1]), axis=1, where=[True, self.dimension == 3, False])
+        above = at[:, 2] > walls.container[1, 2]
+        outside = (at < walls.container[0]) | (at > walls.container[1])
+        beside = np.any(outside, axis=1, where=[True, self.dimension == 3, False])
         for i in np.flatnonzero(above & beside & (p.kind[: p.liquid] == FLUID)):
             p.kind[i] = OUT
             p.velocity[i] = p.pressure[i] = 0.0

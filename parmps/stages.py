@@ -171,7 +171,7 @@ def viscosity_matters(job):
         return False, "the viscosity is 0"
     if job.scheme.preset == "papers":
         return True, "the papers' scheme has it"
-    length, depth = job.tank.length, min(job.tank.height, sum(f.depth or job.tank.height for f in job.fluids))
+    length, depth = job.tank.length, min(job.tank.height, sum(depth or job.tank.height for depth in job.depths))
     k = math.pi / length
     rate = math.sqrt(job.gravity * k * math.tanh(k * depth)) if job.gravity > 0.0 else 1.0 / job.time.end
     layer = math.sqrt(2.0 * nu / rate)
@@ -221,7 +221,10 @@ def measure_density(sim):
         w.lean,
         w.matrix,
     )
-    density.mark_surface(w.density, w.asymmetry, sim.lattice.density, 0.9 * sim.lattice.asymmetry, w.surface)
+    asymmetry = sim.lattice.asymmetry
+    if s.position == "start" and sim.dimension == 3:  # in 2D the density alone tells particles in corners
+        asymmetry = sim.lattice.corner_asymmetry
+    density.mark_surface(w.density, w.asymmetry, sim.lattice.density, 0.9 * asymmetry, w.surface)
     if s.position == "start":
         w.surface[p.liquid : p.rows] = 0
     else:  # the papers' wall particles can be in the surface, and then have no pressure

@@ -247,7 +247,7 @@ def look(sim, worst):
         return "not finite"
     if sim.domain.sum(float(p.liquid)) != sim.totals["fluid"]:
         return "particles lost"
-    gaps = [wall_distance(*at, g.container, g.boxes, g.open_top)[0] for at in p.position[: p.liquid][liquid]]
+    gaps = [wall_distance(*at, g.walls)[0] for at in p.position[: p.liquid][liquid]]
     if sim.domain.min(float(min(gaps, default=0.0))) < -1e-9 * sim.l0:
         return "a particle beyond a wall"
     worst["energy"] = max(worst["energy"], sim.energy_drift())
