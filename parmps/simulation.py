@@ -9,7 +9,7 @@ from parmps.components import Floating
 from parmps.errors import DivergedError
 from parmps.kernels import density as density_kernels
 from parmps.kernels.shifting import keep_off_walls
-from parmps.kernels.velocity import body_force
+from parmps.kernels.velocity import body_force, greatest_distance, greatest_speed
 from parmps.kernels.weight import lattice
 from parmps.motion import Motion
 from parmps.neighbors import Pairs
@@ -318,15 +318,12 @@ class Simulation:
             On all ranks: a velocity is not finite.
         """
         p = self.particles
-        speed2 = np.einsum("ij,ij->i", p.velocity[: p.liquid], p.velocity[: p.liquid])
-        moved = p.position[: p.owned] - self._halo_position
         largest = [
-            speed2.max(initial=0.0) if np.isfinite(speed2.sum()) else math.inf,
-            np.einsum("ij,ij->i", moved, moved).max(initial=0.0),
+            greatest_speed(p.velocity, p.liquid),
+            greatest_distance(p.position, self._halo_position) if self.domain.size > 1 else 0.0,
             request,
         ]
-        *largest, request = self.domain.max(np.array(largest, float))
-        speed, moved = np.sqrt(largest)
+        speed, moved, request = self.domain.max(np.array(largest, float))
         if not math.isfinite(speed):
             raise DivergedError(f"a velocity is not finite at t = {self.time:g} s, step {self.step_number}")
         self.frame = self.motion.at(self.time)

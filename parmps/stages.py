@@ -131,6 +131,7 @@ def make_plan(job, ranks):
             *search,
             moments,
             Stage("impulse", "walls stop the initial velocity at once", balance_impulse),
+            Stage("divergence", "source of the pressure equation", measure_divergence),
             Stage("pressure", "incompressibility", solve_pressure),
         ],
         [
@@ -286,13 +287,15 @@ def predict(sim):
 
 
 def balance_impulse(sim):
-    """Take the initial velocity as a body force over one step, so that pressure balances it link by link.
+    """Take the mean of the initial velocity as a body force over one step, and leave the rest to its divergence.
 
-    A whole tank's jolt is then stopped exactly.
+    Pressure balances the body force link by link, so that a jolt of the whole tank is stopped exactly.
     """
-    w = sim.work
-    w.force[:] = w.link_force[:] = sim.particles.velocity / sim.dt
-    w.source[:] = 0.0
+    p, w = sim.particles, sim.work
+    mean = sim.domain.sum(p.velocity[: p.liquid].sum(axis=0)) / sim.totals["fluid"]
+    p.velocity[p.kind == FLUID] -= mean
+    w.intermediate[:] = p.velocity
+    w.force[:] = w.link_force[:] = mean / sim.dt
 
 
 def add_body_force_to_liquid(sim):
@@ -461,15 +464,7 @@ def accelerate(sim):
         p.liquid,
         w.change,
     )
-    liquid = slice(0, p.liquid)
-    p.velocity[liquid] = (
-        w.intermediate[liquid]
-        + w.change[liquid]
-        + sim.dt * (w.link_force[liquid] - p.acceleration[liquid])
-    )
-    # The next prediction is the mean of this one and what came of it: with the latter alone, rows next to a ragged
-    # surface would answer too strong a prediction with too weak a pressure, and swing with every step.
-    p.acceleration[liquid] = 0.5 * (p.acceleration[liquid] + w.link_force[liquid])
+    velocity.accelerate(w.intermediate, w.change, w.link_force, sim.dt, p.liquid, p.acceleration, p.velocity)
     sim.count_work()
 
 
