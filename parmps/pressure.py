@@ -323,13 +323,17 @@ def _wrap(comm, rows, blocks):
     matrix = PETSc.Mat().create(comm)
     raw = ctypes.c_void_p()
     size = ctypes.c_int if blocks.first.itemsize == 4 else ctypes.c_int64
-    arrays = [a.ctypes.data_as(ctypes.c_void_p) for a in blocks.arrays]
+    # PETSc numbers the columns of other ranks anew, in place; whoever reads the blocks later needs the old ones.
+    renumbered = blocks.halo_columns[: max(blocks.halo_first[-1], 1)].copy()
+    passed = [renumbered if a is blocks.halo_columns else a for a in blocks.arrays]
+    arrays = [a.ctypes.data_as(ctypes.c_void_p) for a in passed]
     sizes = [size(rows), size(rows), size(PETSc.DETERMINE), size(PETSc.DETERMINE)]
     status = _LIBRARY.MatCreateMPIAIJWithSplitArrays(_handle(comm), *sizes, *arrays, ctypes.byref(raw))
     status = status or _LIBRARY.MatHeaderReplace(ctypes.c_void_p(matrix.handle), ctypes.byref(raw))
     if status:
         raise PETSc.Error(status)
     matrix.setOption(PETSc.Mat.Option.SPD, True)
+    matrix.setAttr("columns", renumbered)  # lives as long as the matrix
     return matrix
 
 
