@@ -153,19 +153,20 @@ class Kept:
         env = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
         try:
             done = subprocess.run(command, env=env, capture_output=True, text=True, check=False, timeout=limit)
-            status = _status(done)
+            status = _status(done, self.directory)
         except subprocess.TimeoutExpired:
             status = f"stopped after {limit:g} s"
         print(status, flush=True)
         (self.directory / "validation.json").write_text(json.dumps({"key": self.key, "status": status}))
 
 
-def _status(done):
+def _status(done, directory):
+    """What became of a run; one that diverged did so after its last sample."""
     if done.returncode == 0:
         return "done"
-    time = re.search(r"at t = (\S+) s", done.stderr)
-    if done.returncode == 3 and time:
-        return f"diverged at t = {float(time[1]):.2f} s"
+    if done.returncode == 3:
+        last = (directory / "probes.csv").read_text().splitlines()[-1].split(",")[0]
+        return f"diverged after t = {last} s"
     return f"exit status {done.returncode}: {done.stderr.strip().splitlines()[-1]}"
 
 
