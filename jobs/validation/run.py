@@ -230,7 +230,7 @@ def section(name, case, runs, measures):
     """
     names = list(dict.fromkeys(key for found, _ in measures.values() for key in found))
     titles = [*(["variant"] if "" not in variants(case) else []), "spacing", "preset", *names, "CPU s", "steps"]
-    lines = [f"## {case.TITLE}", "", f"Method and reference: [{name}/README.md]({name}/README.md). {provenance()}", ""]
+    lines = [f"## {case.TITLE}", "", f"Method and reference: [{name}](README.md). {provenance()}", ""]
     lines += ["| " + " | ".join(titles) + " |", "|---" * len(titles) + "|"]
     for run in runs:
         cells = [*([run.variant] if run.variant else []), f"{run.spacing:g} m", run.preset]
@@ -241,7 +241,7 @@ def section(name, case, runs, measures):
         else:
             cells += [run.status, *[""] * (len(titles) - len(cells) - 1)]
         lines.append("| " + " | ".join(cells) + " |")
-    return [*lines, "", *_orders(case, names, measures), f"![{case.TITLE}]({name}/picture.png)", ""]
+    return [*lines, "", *_orders(case, names, measures), f"![{case.TITLE}](picture.png)", ""]
 
 
 def _cell(run, key, value):
@@ -340,7 +340,9 @@ def main():
         parser.error(f"no such case: {', '.join(sorted(unknown))}; there are {', '.join(names)}")
     for name in options.cases or names:
         run_case(name, options)
-    parts = [file.read_text() for name in names if (file := HERE / name / "results.md").is_file()]
+    written = [name for name in names if (HERE / name / "results.md").is_file()]
+    # their links are relative to the case
+    parts = [(HERE / name / "results.md").read_text().replace("](", f"]({name}/") for name in written]
     (HERE / "results.md").write_text("\n".join([HEAD, *parts]))
 
 
