@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from parmps.components import floating_components
-from parmps.kernels import density, gradient, poisson, shifting, velocity
+from parmps.kernels import density, gradient, poisson, shifting, velocity, viscosity
+from parmps.kernels.weight import weight
 from parmps.particles import DUMMY, FLUID, WALL
 
 VOLUME_EVERY = 10
@@ -47,12 +48,15 @@ class Plan(NamedTuple):
 
     Attributes
     ----------
+    project : list of Stage
+        Those that lead to the pressure which an impulsive start needs, once.
     solve, move : list of Stage
         Those that lead to the pressure, after which results are written, and those that move the liquid.
     left_out : list of (str, str)
         Names of stages that the scene does not need, and why.
     """
 
+    project: list
     solve: list
     move: list
     left_out: list
@@ -91,21 +95,24 @@ def make_plan(job, ranks):
         "collision_distance is 0",
     )
     if scheme.position == "moved":
-        explicit = [Stage("body force", "gravity and the tank's motion", add_body_force_to_liquid)]
+        projection = [
+            *halo,
+            *search,
+            Stage("density", "density error and free surface", measure_density),
+            Stage("divergence", "source of the pressure equation", measure_divergence),
+            Stage("pressure", "incompressibility", solve_pressure),
+        ]
         return Plan(
+            projection,
             [],
             [
                 *halo,
                 *search,
-                *explicit,
+                Stage("body force", "gravity and the tank's motion", add_body_force_to_liquid),
                 *viscosity,
                 *contact,
                 Stage("explicit move", "the papers solve the pressure at the moved position", move_explicitly),
-                *halo,
-                *search,
-                Stage("density", "density error and free surface", measure_density),
-                Stage("divergence", "source of the pressure equation", measure_divergence),
-                Stage("pressure", "incompressibility", solve_pressure),
+                *projection,
                 Stage("correction", "pressure gradient moves the liquid", correct),
             ],
             left_out,
@@ -117,11 +124,20 @@ def make_plan(job, ranks):
         measure_volume,
         "volume_time is null",
     )
+    moments = Stage("density", "moments of the neighbourhood and free surface", measure_density)
     return Plan(
         [
             *halo,
             *search,
-            Stage("density", "moments of the neighbourhood and free surface", measure_density),
+            moments,
+            Stage("impulse", "walls stop the initial velocity at once", balance_impulse),
+            Stage("divergence", "source of the pressure equation", measure_divergence),
+            Stage("pressure", "incompressibility", solve_pressure),
+        ],
+        [
+            *halo,
+            *search,
+            moments,
             *volume,
             Stage("body force", "gravity and the tank's motion, balanced in the pressure equation", predict),
             *viscosity,
@@ -155,7 +171,7 @@ def viscosity_matters(job):
         return False, "the viscosity is 0"
     if job.scheme.preset == "papers":
         return True, "the papers' scheme has it"
-    length, depth = job.tank.length, min(job.tank.height, sum(f.depth or job.tank.height for f in job.fluids))
+    length, depth = job.tank.length, min(job.tank.height, sum(depth or job.tank.height for depth in job.depths))
     k = math.pi / length
     rate = math.sqrt(job.gravity * k * math.tanh(k * depth)) if job.gravity > 0.0 else 1.0 / job.time.end
     layer = math.sqrt(2.0 * nu / rate)
@@ -184,8 +200,10 @@ def refresh_halo(sim):
 
 
 def find_neighbours(sim):
-    """List the neighbours within the largest radius."""
+    """List the neighbours within the largest radius, with their weights."""
+    s = sim.scheme
     sim.pairs.find(sim.particles)
+    sim.strength, sim.laplacian_strength = sim.pairs.weigh(sim.l0, s.radius, s.laplacian_radius)
 
 
 def measure_density(sim):
@@ -193,10 +211,9 @@ def measure_density(sim):
     p, s, w = sim.particles, sim.scheme, sim.work
     density.moments(
         p.position,
-        p.kind,
-        *sim.pairs.lists,
+        *sim.pairs.wet,
+        sim.strength,
         sim.l0,
-        s.radius,
         sim.lattice.density,
         sim.dimension,
         w.density,
@@ -204,7 +221,10 @@ def measure_density(sim):
         w.lean,
         w.matrix,
     )
-    density.mark_surface(w.density, w.asymmetry, sim.lattice.density, 0.9 * sim.lattice.asymmetry, w.surface)
+    asymmetry = sim.lattice.asymmetry
+    if s.position == "start" and sim.dimension == 3:  # in 2D the density alone tells particles in corners
+        asymmetry = sim.lattice.corner_asymmetry
+    density.mark_surface(w.density, w.asymmetry, sim.lattice.density, 0.9 * asymmetry, w.surface)
     if s.position == "start":
         w.surface[p.liquid : p.rows] = 0
     else:  # the papers' wall particles can be in the surface, and then have no pressure
@@ -239,7 +259,9 @@ def smooth_density(sim):
     """
     p, s, w = sim.particles, sim.scheme, sim.work
     sim.wide_pairs.find(p)
-    density.smooth_density(p.position, *sim.wide_pairs.lists, sim.l0, s.volume_radius, p.liquid, w.smooth)
+    density.smooth_density(
+        sim.wide_pairs.lists[0], sim.wide_pairs.square, sim.l0, s.volume_radius, p.liquid, w.smooth
+    )
     near = w.near
     near[:] = w.surface
     for _ in range(math.ceil(s.volume_radius / s.radius)):
@@ -255,8 +277,8 @@ def smooth_density(sim):
 def predict(sim):
     """Intermediate velocity v* = v + dt (f - a), with a the predicted acceleration by the pressure.
 
-    a is what the pressure equation balances link by link: the last pressure gradient over rho where the flow
-    is smooth, the body force where it is not. The nearer it is to the coming one, the less the splitting of
+    a is what the pressure equation balances link by link: the pressure gradient over rho of the last steps where
+    the flow is smooth, the body force where it is not. The nearer it is to the coming one, the less the splitting of
     the pressure equation (Laplacian against divergence of the gradient) is felt.
     """
     p, w = sim.particles, sim.work
@@ -265,6 +287,18 @@ def predict(sim):
     velocity.predict_acceleration(p.acceleration, w.force, 0.0 if sim.step_number == 0 else limit, w.link_force)
     w.intermediate[:] = p.velocity + sim.dt * (w.force - w.link_force)
     w.intermediate[p.kind != FLUID] = 0.0
+
+
+def balance_impulse(sim):
+    """Take the mean of the initial velocity as a body force over one step, and leave the rest to its divergence.
+
+    Pressure balances the body force link by link, so that a jolt of the whole tank is stopped exactly.
+    """
+    p, w = sim.particles, sim.work
+    mean = sim.domain.sum(p.velocity[: p.liquid].sum(axis=0)) / sim.totals["fluid"]
+    p.velocity[p.kind == FLUID] -= mean
+    w.intermediate[:] = p.velocity
+    w.force[:] = w.link_force[:] = mean / sim.dt
 
 
 def add_body_force_to_liquid(sim):
@@ -279,36 +313,32 @@ def add_body_force_to_liquid(sim):
 
 
 def add_viscosity(sim):
-    """Add the viscous change of velocity."""
-    p, s = sim.particles, sim.scheme
-    velocity.add_viscosity(
-        p.position,
-        p.velocity,
-        p.kind,
-        p.normal,
-        p.depth,
-        sim.viscosity,
-        *sim.pairs.lists,
-        sim.l0,
-        s.radius,
-        sim.lattice.density,
-        sim.lattice.lam,
-        sim.dimension,
-        sim.dt,
-        p.liquid,
-        sim.work.intermediate,
+    """Add the viscous change of velocity: explicit, or implicit where the explicit one needs shorter steps."""
+    p, s, w, lat = sim.particles, sim.scheme, sim.work, sim.lattice
+    operator = (*sim.pairs.lists, sim.l0, s.radius, lat.density, lat.lam, sim.dimension)
+    walls = (p.kind, p.normal, p.depth)
+    if not sim.implicit:
+        velocity.add_viscosity(
+            p.position, p.velocity, *walls, sim.viscosity, *operator, sim.dt, p.liquid, w.intermediate
+        )
+        return
+    blocks = sim.blocks()
+    viscosity.viscosity_rows(
+        p.position, *walls, sim.dt * sim.viscosity, sim.column, *operator, *blocks.arrays
     )
+    sim.velocity_solver.solve(blocks, w.intermediate[: p.rows], (0, 1, 2) if sim.dimension == 3 else (0, 2))
 
 
 def add_contacts(sim):
     """Stop particles that are about to overlap."""
-    p = sim.particles
+    p, s = sim.particles, sim.scheme
     sim.contacts += velocity.add_contacts(
         p.position,
         p.velocity,
         p.kind,
-        *sim.pairs.lists,
-        sim.scheme.collision_distance * sim.l0,
+        *sim.pairs.wet,
+        sim.strength,
+        weight(s.collision_distance, s.radius) / (s.collision_distance * sim.l0) ** 2,
         p.liquid,
         sim.work.intermediate,
     )
@@ -354,11 +384,9 @@ def measure_divergence(sim):
     velocity.velocity_gradient(
         p.position,
         w.intermediate,
-        p.kind,
-        *sim.pairs.lists,
+        *sim.pairs.wet,
+        sim.strength,
         inverse,
-        sim.l0,
-        s.radius,
         n0,
         sim.dimension,
         rows,
@@ -371,7 +399,8 @@ def measure_divergence(sim):
         w.source[:rows] = (1.0 - s.gamma) * trace / sim.dt - s.gamma * (over - 1.0) / sim.dt**2
         return
     if s.volume_time is not None:
-        trace = trace - p.compression[:rows] / s.volume_time
+        # no faster than it is measured, or long steps would overshoot
+        trace = trace - p.compression[:rows] / max(s.volume_time, 2.0 * VOLUME_EVERY * sim.dt)
     share = min(s.separation * (sim.grid_number + sim.courant), 0.2)
     trace = trace - share * np.maximum(over - s.overdensity, 0.0) / sim.dt
     w.source[:rows] = trace / sim.dt
@@ -391,9 +420,9 @@ def solve_pressure(sim):
         w.source,
         p.pressure,
         sim.column,
-        *sim.pairs.lists,
+        *sim.pairs.wet,
+        sim.laplacian_strength,
         sim.l0,
-        s.laplacian_radius,
         lat.density,
         lat.lam,
         sim.dimension,
@@ -405,7 +434,11 @@ def solve_pressure(sim):
         w.rhs,
     )
     if sim.check_floating():
-        sim.floating = floating_components(sim.domain, sim.column, blocks, w.surface[: p.rows])
+        held = w.surface[: p.rows]
+        if s.surface == "dirichlet":  # their links are eliminated, so that the next ones hold the rest
+            held = np.empty_like(held)
+            density.spread(w.surface, *sim.pairs.lists, p.rows, held)
+        sim.floating = floating_components(sim.domain, sim.column, blocks, held)
     sim.floating.fix(sim.domain, blocks, w.rhs)
     p.pressure[: p.rows] = sim.solver.solve(blocks, w.rhs, p.pressure[: p.rows])
     sim.floating.level(sim.domain, p.pressure[: p.rows])
@@ -418,8 +451,6 @@ def solve_pressure(sim):
 def accelerate(sim):
     """v^(n+1) = v* + dt (a - grad P / rho), and the damping of grid noise."""
     p, s, w = sim.particles, sim.scheme, sim.work
-    lists = sim.pairs.lists
-    n0 = sim.lattice.density
     pressure_gradient(sim)
     sim.domain.exchange(w.gradient)
     gradient.residual_damping(
@@ -427,21 +458,16 @@ def accelerate(sim):
         w.intermediate,
         p.kind,
         w.gradient,
-        *lists,
-        sim.l0,
-        s.radius,
-        n0,
+        *sim.pairs.wet,
+        sim.strength,
+        sim.lattice.density,
+        sim.dimension,
         s.damping * sim.activity,
         RESIDUAL_DAMPING * sim.dt / sim.l0,
         p.liquid,
         w.change,
     )
-    liquid = slice(0, p.liquid)
-    p.velocity[liquid] = (
-        w.intermediate[liquid]
-        + w.change[liquid]
-        + sim.dt * (w.link_force[liquid] - p.acceleration[liquid])
-    )
+    velocity.accelerate(w.intermediate, w.change, w.link_force, sim.dt, p.liquid, p.acceleration, p.velocity)
     sim.count_work()
 
 
@@ -452,13 +478,12 @@ def pressure_gradient(sim):
         gradient.corrected_gradient(
             p.position,
             p.pressure,
-            p.kind,
             w.surface,
             w.lean,
-            *sim.pairs.lists,
+            *sim.pairs.wet,
+            sim.strength,
             w.full,
             sim.l0,
-            s.radius,
             sim.lattice.density,
             sim.dimension,
             p.liquid,
@@ -470,8 +495,7 @@ def pressure_gradient(sim):
             p.position,
             p.pressure,
             *sim.pairs.lists,
-            sim.l0,
-            s.radius,
+            sim.strength,
             sim.lattice.density,
             sim.dimension,
             s.gradient == "min",
@@ -485,7 +509,7 @@ def move(sim):
     """r^(n+1) = r^n + dt v^(n+1), with shifting; surface particles keep half a spacing below the surface."""
     p, s, w = sim.particles, sim.scheme, sim.work
     density.surface_normals(
-        p.position, p.kind, w.asymmetry, w.surface, *sim.pairs.lists, sim.l0, s.radius, p.liquid, w.surface_normal
+        p.position, w.asymmetry, w.surface, *sim.pairs.wet, sim.strength, p.liquid, w.surface_normal
     )
     shifting.move(
         p.position,
@@ -498,7 +522,7 @@ def move(sim):
         w.gradient,
         sim.l0,
         sim.surface_lean,
-        min(s.shifting * sim.activity, 0.2),
+        min(s.shifting * (sim.grid_number + sim.courant), 0.2),
         sim.dt,
         p.liquid,
     )
@@ -506,8 +530,12 @@ def move(sim):
 
 
 def correct(sim):
-    """V = v* - dt grad P / rho, r = r* - dt^2 grad P / rho ([004] eqs. 13 and 14)."""
+    """V = v* - dt grad P / rho, r = r* - dt^2 grad P / rho ([004] eqs. 13 and 14).
+
+    Suction is left out, as most MPS codes do: with P_j + P_i it pulls particles together until the run blows up.
+    """
     p = sim.particles
+    np.maximum(p.pressure, 0.0, out=p.pressure)
     pressure_gradient(sim)
     liquid = slice(0, p.liquid)
     p.velocity[liquid] -= sim.dt * p.acceleration[liquid]
