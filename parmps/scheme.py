@@ -84,7 +84,8 @@ class Scheme(Section):
         le=10,
     )
     volume_time: Annotated[Number, Field(gt=0, le=1e3)] | None = setting(
-        "relaxation time of the volume error, measured with a wide smooth weight (position start); null: none",
+        "longest relaxation time of the volume error, measured with a wide smooth weight (position start); shorter "
+        "in fast flow; null: none",
         "s",
         0.5,
     )

@@ -19,6 +19,8 @@ from parmps.particles import DUMMY, FLUID, WALL
 VOLUME_EVERY = 10
 """Steps between two measurements of the volume error, which changes slowly."""
 
+VOLUME_SHARE = 0.1
+"""Share of the volume error to remove per (sqrt(f / l0) + u / l0) dt, where volume_time is longer than that."""
 
 RESIDUAL_DAMPING = 2.0
 """Damping of a velocity difference that no linear field explains, per (difference) dt / l0."""
@@ -390,8 +392,10 @@ def measure_divergence(sim):
         w.source[:rows] = (1.0 - s.gamma) * trace / sim.dt - s.gamma * (over - 1.0) / sim.dt**2
         return
     if s.volume_time is not None:
-        # no faster than it is measured, or long steps would overshoot
-        trace = trace - p.compression[:rows] / max(s.volume_time, 2.0 * VOLUME_EVERY * sim.dt)
+        # faster in fast flow, where pushing particles apart makes room, but no faster than it is measured
+        rate = max(1.0 / s.volume_time, VOLUME_SHARE * (sim.grid_number + sim.courant) / sim.dt)
+        rate = min(rate, 0.5 / (VOLUME_EVERY * sim.dt))
+        trace = trace - p.compression[:rows] * rate
     share = min(s.separation * (sim.grid_number + sim.courant), 0.2)
     trace = trace - share * np.maximum(over - s.overdensity, 0.0) / sim.dt
     w.source[:rows] = trace / sim.dt
