@@ -402,7 +402,7 @@ def measure_divergence(sim):
 
 
 def solve_pressure(sim):
-    """Assemble and solve the pressure equation; extrapolate the pressure into the dummy layers."""
+    """Assemble and solve the pressure equation; suction is no stronger than the flow can make it."""
     p, s, w = sim.particles, sim.scheme, sim.work
     lat = sim.laplacian_lattice
     blocks = sim.blocks()
@@ -437,6 +437,7 @@ def solve_pressure(sim):
     sim.floating.fix(sim.domain, blocks, w.rhs)
     p.pressure[: p.rows] = sim.solver.solve(blocks, w.rhs, p.pressure[: p.rows])
     sim.floating.level(sim.domain, p.pressure[: p.rows])
+    np.maximum(p.pressure[: p.rows], -sim.suction, out=p.pressure[: p.rows])
     sim.domain.exchange(p.pressure)
 
 
