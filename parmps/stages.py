@@ -20,7 +20,7 @@ VOLUME_EVERY = 10
 """Steps between two measurements of the volume error, which changes slowly."""
 
 VOLUME_SHARE = 0.1
-"""Share of the volume error to remove per (sqrt(f / l0) + u / l0) dt, where volume_time is longer than that."""
+"""Share of the volume error to remove per u dt / l0, u the greatest speed, where volume_time is longer than that."""
 
 RESIDUAL_DAMPING = 2.0
 """Damping of a velocity difference that no linear field explains, per (difference) dt / l0."""
@@ -393,7 +393,7 @@ def measure_divergence(sim):
         return
     if s.volume_time is not None:
         # faster in fast flow, where pushing particles apart makes room, but no faster than it is measured
-        rate = max(1.0 / s.volume_time, VOLUME_SHARE * (sim.grid_number + sim.courant) / sim.dt)
+        rate = max(1.0 / s.volume_time, VOLUME_SHARE * sim.courant / sim.dt)
         rate = min(rate, 0.5 / (VOLUME_EVERY * sim.dt))
         trace = trace - p.compression[:rows] * rate
     share = min(s.separation * (sim.grid_number + sim.courant), 0.2)
