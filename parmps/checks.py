@@ -38,6 +38,7 @@ def check_job(job):
     for number, item in enumerate(job.motion):
         _check_motion(job, item, f"motion[{number}]")
     _check_probes(job)
+    _check_scheme(job.scheme)
 
 
 def _check_tank(job):
@@ -269,6 +270,18 @@ def _check_probes(job):
             _check_within(probe.at, job.tank.size[:-1], f"{key}.at")
         if probe.kind == "interface":
             _check_pair(job, probe.between, f"{key}.between")
+
+
+def _check_scheme(scheme):
+    """Refuse settings that contradict each other; where the limits are, jobs/extremes shows."""
+    limit = scheme.radius + 1.0
+    if scheme.surface == "ghost" and scheme.laplacian_radius > limit * (1 + TOLERANCE):
+        raise InputError(
+            "scheme.laplacian_radius",
+            f"got {scheme.laplacian_radius:g} l0, must be at most {limit:g} l0, one more than scheme.radius, with "
+            "surface: ghost, since only the particles that scheme.radius finds in the surface are given neighbours "
+            "above it",
+        )
 
 
 def _check_unique(names, key):

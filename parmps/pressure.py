@@ -78,7 +78,8 @@ class _Solver:
         self._rows = rows
         self._ksp = PETSc.KSP().create(self._comm)
         self._ksp.setOptionsPrefix(self._prefix)
-        self._ksp.setTolerances(rtol=self._tolerance)
+        # the guess may be far from the solution: a few particles in flight, after an impact
+        self._ksp.setTolerances(rtol=self._tolerance, divtol=1e50)
         self._ksp.setInitialGuessNonzero(True)
         self._ksp.setFromOptions()
         self._x = PETSc.Vec().createMPI((rows, None), comm=self._comm)
