@@ -317,7 +317,8 @@ def write_results(rows, total):
     model = next(line.split(":")[1].strip() for line in info if line.startswith("model name"))
     lines = [
         f"{total}.", "",
-        f"`make extremes` at commit {commit.stdout.strip()} on {datetime.date.today()}: {os.cpu_count()} cores, {model}. "
+        f"`make extremes` at commit {commit.stdout.strip()} on {datetime.date.today()}: {os.cpu_count()} cores, "
+        f"{model}. "
         "What survived means is said in `run.py`; energy and volume are the worst of the run. Tanks other than boxes "
         "and several liquids are left out.",
         "", "| case | ranks | result | |", "|---|---|---|---|",
