@@ -13,6 +13,7 @@ from parmps.mesh import read_surface
 from parmps.motion import read_motion_file
 
 TOLERANCE = 1e-9  # relative; forgives the rounding of decimal input such as 0.1 + 0.2
+MAX_POINTS = 1e12  # thousands of times what anyone has computed
 OUT_OF_PLANE = ("sway", "yaw")
 
 
@@ -41,6 +42,10 @@ def check_job(job):
 
 def _check_tank(job):
     tank = job.tank
+    points = math.prod(side / job.spacing for side in tank.size)
+    if points > MAX_POINTS:
+        reason = f"{points:.2g} points of the lattice in the tank, must be at most {MAX_POINTS:.0e}"
+        raise InputError("spacing", f"got {job.spacing:g} m, which means {reason}")
     layout = "[length, height]" if job.dimension == 2 else "[length, width, height]"
     if len(tank.size) != job.dimension:
         raise InputError("tank.size", f"got {list(tank.size)}, must be {layout} in {job.dimension}D (m)")

@@ -4,15 +4,15 @@ import math
 
 import numpy as np
 
-from parmps.kernels.walls import distances
 from parmps.kernels.weight import lattice
 from parmps.motion import Motion
-from parmps.particles import DUMMY, FIELDS, FLUID, WALL
+from parmps.particles import FIELDS
 from parmps.simulation import HALO_MARGIN, IMPLICIT_GAIN, STEADY_STEP, VISCOUS_STEP, WAVE_STEP, Work, wall_layers
-from parmps.slabs import output_errors
 from parmps.stages import make_plan
-from parmps.tank import count_particles, place
+from parmps.tank import count_particles
 
+EXACT_CELLS = 1e6
+"""Points of the lattice in the tank up to which particles are counted: beyond, that takes too long."""
 PROGRAM_BYTES = 258e6
 """Memory of a rank without particles, as measured: Python, the compiled kernels and the libraries."""
 ENTRY_BYTES = 12
@@ -21,7 +21,7 @@ HIERARCHY = 6.7
 """Memory of the multigrid hierarchy while it is set up, in pressure matrices: a copy, the coarser levels, and what
 their making takes for a moment (graph, prolongation, triple product). Measured from 2 000 to 220 000 particles, 2D
 and 3D, as what the peak has beside the rest."""
-SAMPLES = 2000
+SAMPLES = 400
 """Times at which the motion is looked at."""
 
 
@@ -39,9 +39,10 @@ def plan_text(job, domain):
     str
         Several lines, for people.
     """
-    counts, spacing = count_particles(job, job.scheme.wall, wall_layers(job.scheme))
+    layers, exact = wall_layers(job.scheme), math.prod(job.tank.size) / job.spacing**job.dimension <= EXACT_CELLS
+    counts, spacing = count_particles(job, job.scheme.wall, layers) if exact else estimate_particles(job, layers)
     lines = [f"{job.title or 'untitled job'}: {job.dimension}D, {domain.size} rank(s), scheme {job.scheme.preset}"]
-    lines += ["", "Particles", *_particle_lines(counts, spacing)]
+    lines += ["", "Particles" if exact else "Particles (an estimate)", *_particle_lines(counts, spacing, exact)]
     lines += ["", "Memory (an estimate)", *_memory_lines(job, counts, domain.size)]
     lines += ["", "Time steps (an estimate)", *_step_lines(job, spacing)]
     lines += ["", "Stages of a step", *_stage_lines(make_plan(job, domain.size))]
@@ -57,9 +58,49 @@ def _table(rows):
 # Particles and memory
 
 
-def _particle_lines(counts, spacing):
+def _particle_lines(counts, spacing, exact):
     rows = [(name, f"{counts[name]:>12}") for name in ("fluid", "wall", "dummy", "total")]
-    return [*_table(rows), f"  spacing {spacing * 1e3:.6g} mm, as it fits the tank"]
+    how = "as it fits the tank" if exact else "of the job"
+    return [*_table(rows), f"  spacing {spacing * 1e3:.6g} mm, {how}"]
+
+
+def estimate_particles(job, layers):
+    """Estimate the particles of a job whose tank is too large to place them for counting.
+
+    Parameters
+    ----------
+    job : Job
+    layers : int
+        Wall layer plus dummy layers.
+
+    Returns
+    -------
+    dict of str to int
+        As in `count_particles`: the volume of the liquid and the surface of tank and baffles, in spacings.
+        Chamfers and what baffles take from the liquid are left out.
+    float
+        Spacing of the job, m.
+    """
+    sides = np.array(job.tank.size) / job.spacing
+    liquid = sum(_volume(job, fluid) for fluid in job.fluids) / job.spacing**job.dimension
+    surface = 2.0 * sum(np.prod(np.delete(sides, axis)) for axis in range(len(sides)))
+    for baffle in job.tank.baffles:
+        along = baffle.top - baffle.bottom if baffle.vertical else baffle.right - baffle.left
+        low, high = baffle.width or (0.0, job.tank.size[1])
+        surface += 2.0 * along * ((high - low) / job.spacing if job.dimension == 3 else 1.0) / job.spacing
+    counts = {"fluid": round(liquid), "wall": round(surface), "dummy": round((layers - 1) * surface)}
+    return {**counts, "total": sum(counts.values())}, job.spacing
+
+
+def _volume(job, fluid):
+    """Volume that a liquid fills, m3 (m2 in 2D), baffles and chamfers left out."""
+    if fluid.region is None:
+        return fluid.depth * math.prod(job.tank.size[:-1])
+    if fluid.region.box is not None:
+        return math.prod(high - low for low, high in zip(*fluid.region.box, strict=True))
+    if job.dimension == 2:
+        return math.pi * fluid.region.disc.radius**2
+    return 4.0 / 3.0 * math.pi * fluid.region.ball.radius**3
 
 
 def memory_estimate(job, counts, ranks):
@@ -236,82 +277,3 @@ def _stage_lines(plan):
     if plan.left_out:
         lines += ["Left out", *_table(plan.left_out)]
     return lines
-
-
-# Picture
-
-
-def draw_plan(job, path):
-    """Draw the particles at the start; of a 3D tank, the layers in the middle of its width and of its length.
-
-    Parameters
-    ----------
-    job : Job
-    path : path-like
-        Of the picture.
-    """
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-    from matplotlib.patches import Patch
-
-    start = place(job, job.scheme.wall, layers=wall_layers(job.scheme))
-    views = [0] if job.dimension == 2 else [0, 1]
-    sides = [job.tank.size[axis] + 6.0 * start.spacing for axis in views]
-    height = 7.0 * (job.tank.height + 6.0 * start.spacing) / sum(sides)
-    figure, panels = pyplot.subplots(
-        1, len(views), squeeze=False, figsize=(10.0, height + 1.2), width_ratios=sides, layout="constrained"
-    )
-    groups = [("0.8", "dummy", start.kind == DUMMY), ("0.45", "wall", start.kind == WALL)]
-    for number, liquid in enumerate(job.fluids):
-        here = (start.kind == FLUID) & (start.fluid == number)
-        groups.append((FLUID_COLOURS[number % len(FLUID_COLOURS)], liquid.name, here))
-    for axis, axes in zip(views, panels[0], strict=True):
-        _draw_layer(axes, job, start, axis, groups)
-    patches = [Patch(color=colour, label=label) for colour, label, chosen in groups if chosen.any()]
-    panels[0, -1].legend(handles=patches, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
-    panels[0, 0].set_title(job.title, loc="left")
-    with output_errors(path):
-        figure.savefig(path, dpi=150)
-    pyplot.close(figure)
-
-
-def _draw_layer(axes, job, start, axis, groups):
-    """Draw the particles of the layer in the middle of a tank, seen along y (axis 0 is drawn) or x (axis 1)."""
-    from matplotlib.collections import EllipseCollection
-
-    l0, across = start.spacing, 1 - axis
-    middle = 0.5 * job.tank.size[across] if job.dimension == 3 else 0.0
-    thickness = 0.51 if start.geometry.hull is None else 0.75  # next to a hull, layers are not plane
-    layer = np.abs(start.position[:, across] - middle) < thickness * l0
-    for colour, _, chosen in groups:
-        at = start.position[layer & chosen][:, [axis, 2]]
-        size = np.full(len(at), l0)
-        axes.add_collection(
-            EllipseCollection(
-                size,
-                size,
-                np.zeros(len(size)),
-                units="xy",
-                offsets=at,
-                offset_transform=axes.transData,
-                facecolors=colour,
-                linewidths=0,
-            )
-        )
-    low, high = (end(start.position[layer][:, [axis, 2]], axis=0) for end in (np.min, np.max))
-    nodes = [np.linspace(a, b, OUTLINE) for a, b in zip(low, high, strict=True)]
-    grid = np.stack(np.meshgrid(*nodes, indexing="ij"), axis=-1).reshape(-1, 2)
-    point = np.full((len(grid), 3), middle)
-    point[:, [axis, 2]] = grid
-    gap = distances(point, start.geometry.walls)[0].reshape(OUTLINE, OUTLINE)
-    axes.contour(*nodes, gap.T, levels=[0.0], colors="black", linewidths=0.8)
-    limits = {"xlim": (low[0] - l0, high[0] + l0), "ylim": (low[1] - l0, high[1] + l0)}
-    axes.set(aspect="equal", xlabel=f"{'xy'[axis]} [m]", ylabel="z [m]", **limits)
-
-
-OUTLINE = 600
-"""Points along each side of a picture at which the distance to the walls is evaluated."""
-FLUID_COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9")
-"""Okabe and Ito's palette, distinguishable by the colour-blind."""

@@ -11,7 +11,9 @@ import numpy as np
 import petsc4py
 from mpi4py import MPI  # for the handle of the communicator alone
 
-petsc4py.init(sys.argv if any(a.startswith(("-ppe_", "-viscosity_")) for a in sys.argv) else [])
+# Signals are Python's: PETSc would end the run at SIGTERM, and print of an inner error where a pipe is closed.
+given = sys.argv[1:] if any(a.startswith(("-ppe_", "-viscosity_")) for a in sys.argv) else []
+petsc4py.init([sys.argv[0], "-no_signal_handler", "true", *given])
 from petsc4py import PETSc  # noqa: E402
 
 from parmps.errors import DivergedError  # noqa: E402

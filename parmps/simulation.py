@@ -9,7 +9,7 @@ from parmps.components import Floating
 from parmps.errors import DivergedError
 from parmps.kernels import density as density_kernels
 from parmps.kernels.shifting import keep_off_walls
-from parmps.kernels.velocity import body_force
+from parmps.kernels.velocity import body_force, greatest_distance, greatest_speed
 from parmps.kernels.weight import lattice
 from parmps.motion import Motion
 from parmps.neighbors import Pairs
@@ -298,13 +298,20 @@ class Simulation:
 
     # Time
 
-    def choose_step(self, until):
+    def choose_step(self, until, request=0):
         """Choose the time step by the present state, and learn whether the halo still reaches far enough.
 
         Parameters
         ----------
         until : float
             Time of the next output, which a whole number of steps must reach, s.
+        request : int
+            What this rank wants the others to know, such as a request to stop.
+
+        Returns
+        -------
+        int
+            The greatest request of all ranks.
 
         Raises
         ------
@@ -312,13 +319,12 @@ class Simulation:
             On all ranks: a velocity is not finite.
         """
         p = self.particles
-        speed2 = np.einsum("ij,ij->i", p.velocity[: p.liquid], p.velocity[: p.liquid])
-        moved = p.position[: p.owned] - self._halo_position
         largest = [
-            speed2.max(initial=0.0) if np.isfinite(speed2.sum()) else math.inf,
-            np.einsum("ij,ij->i", moved, moved).max(initial=0.0),
+            greatest_speed(p.velocity, p.liquid),
+            greatest_distance(p.position, self._halo_position) if self.domain.size > 1 else 0.0,
+            request,
         ]
-        speed, moved = np.sqrt(self.domain.max(np.array(largest)))
+        speed, moved, request = self.domain.max(np.array(largest, float))
         if not math.isfinite(speed):
             raise DivergedError(f"a velocity is not finite at t = {self.time:g} s, step {self.step_number}")
         self.frame = self.motion.at(self.time)
@@ -344,6 +350,7 @@ class Simulation:
         self.activity = self.grid_number + 0.2 * self.courant
         # Two particles of different ranks may approach each other, and move once more before the next look.
         self._stale = 2.0 * (moved + speed * self.dt) > HALO_MARGIN * self.l0
+        return int(request)
 
     def _head(self):
         """Greatest difference of the body force's potential in the liquid, m2/s2: f h of a depth h."""

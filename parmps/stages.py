@@ -467,15 +467,7 @@ def accelerate(sim):
         p.liquid,
         w.change,
     )
-    liquid = slice(0, p.liquid)
-    p.velocity[liquid] = (
-        w.intermediate[liquid]
-        + w.change[liquid]
-        + sim.dt * (w.link_force[liquid] - p.acceleration[liquid])
-    )
-    # The next prediction is the mean of this one and what came of it: with the latter alone, rows next to a ragged
-    # surface would answer too strong a prediction with too weak a pressure, and swing with every step.
-    p.acceleration[liquid] = 0.5 * (p.acceleration[liquid] + w.link_force[liquid])
+    velocity.accelerate(w.intermediate, w.change, w.link_force, sim.dt, p.liquid, p.acceleration, p.velocity)
     sim.count_work()
 
 

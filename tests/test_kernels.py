@@ -557,6 +557,27 @@ def test_predicted_acceleration_keeps_its_distance_from_the_body_force():
     np.testing.assert_array_equal(out, force)
 
 
+def test_acceleration_and_its_next_prediction():
+    rng = np.random.default_rng(5)
+    star, change, predicted, got = rng.normal(size=(4, 30, 3))
+    velocity_before, acceleration = np.zeros((30, 3)), got.copy()
+    velocity.accelerate(star, change, predicted, 0.1, 25, acceleration, velocity_before)
+    np.testing.assert_allclose(velocity_before[:25], (star + change + 0.1 * (predicted - got))[:25], atol=1e-14)
+    np.testing.assert_allclose(acceleration[:25], 0.5 * (predicted + got)[:25], atol=1e-15)
+    np.testing.assert_array_equal(acceleration[25:], got[25:])
+
+
+def test_greatest_speed_and_distance():
+    rng = np.random.default_rng(6)
+    v, x, before = rng.normal(size=(3, 40, 3))
+    assert velocity.greatest_speed(v, 30) == pytest.approx(np.linalg.norm(v[:30], axis=1).max())
+    assert velocity.greatest_distance(x, before[:30]) == pytest.approx(np.linalg.norm((x - before)[:30], axis=1).max())
+    for wrong in (np.nan, np.inf, -np.inf):
+        v[7, 1] = wrong
+        assert velocity.greatest_speed(v, 30) == np.inf
+    assert velocity.greatest_speed(v, 0) == 0.0
+
+
 # Pressure equation
 
 

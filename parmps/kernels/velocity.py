@@ -36,6 +36,50 @@ def body_force(position, velocity, kind, force, alpha, omega, out):
 
 
 @compiled
+def greatest_speed(velocity, rows):
+    """Greatest magnitude of the first velocities, infinite where one is not a finite number.
+
+    Parameters
+    ----------
+    velocity : (n, 3) float64, m/s
+    rows : int
+
+    Returns
+    -------
+    float
+        m/s.
+    """
+    greatest = total = 0.0
+    for i in range(rows):
+        square = velocity[i, 0] ** 2 + velocity[i, 1] ** 2 + velocity[i, 2] ** 2
+        total += square
+        greatest = max(greatest, square)
+    return math.sqrt(greatest) if math.isfinite(total) else math.inf
+
+
+@compiled
+def greatest_distance(position, before):
+    """Greatest distance of particles from where they were.
+
+    Parameters
+    ----------
+    position : (n, 3) float64, m
+    before : (m, 3) float64, m
+        Of the first m particles.
+
+    Returns
+    -------
+    float
+        m.
+    """
+    greatest = 0.0
+    for i in range(before.shape[0]):
+        dx, dy, dz = position[i, 0] - before[i, 0], position[i, 1] - before[i, 1], position[i, 2] - before[i, 2]
+        greatest = max(greatest, dx * dx + dy * dy + dz * dz)
+    return math.sqrt(greatest)
+
+
+@compiled
 def predict_acceleration(last, force, limit, out):
     """Pressure acceleration grad P / rho to expect: the last one, no further than ``limit`` from the body force.
 
@@ -55,6 +99,35 @@ def predict_acceleration(last, force, limit, out):
         out[i, 0] = force[i, 0] + share * dx
         out[i, 1] = force[i, 1] + share * dy
         out[i, 2] = force[i, 2] + share * dz
+
+
+@compiled
+def accelerate(intermediate, change, predicted, dt, rows, acceleration, velocity):
+    """New velocity v = v* + change + dt (a - grad P / rho), and the next prediction of grad P / rho.
+
+    That is the mean of this prediction a and what came of it: with the latter alone, rows next to a ragged
+    surface would answer too strong a prediction with too weak a pressure, and swing with every step.
+
+    Parameters
+    ----------
+    intermediate : (n, 3) float64, m/s
+        v*.
+    change : (rows, 3) float64, m/s
+        By damping.
+    predicted : (n, 3) float64, m/s2
+        a.
+    dt : float
+        s.
+    rows : int
+    acceleration : (n, 3) float64, m/s2
+        grad P / rho; replaced by the next prediction.
+    velocity : (n, 3) float64, m/s
+        Filled for the rows.
+    """
+    for i in range(rows):
+        for d in range(3):
+            velocity[i, d] = intermediate[i, d] + change[i, d] + dt * (predicted[i, d] - acceleration[i, d])
+            acceleration[i, d] = 0.5 * (acceleration[i, d] + predicted[i, d])
 
 
 @compiled
