@@ -323,12 +323,16 @@ def _wrap(comm, rows, blocks):
     matrix = PETSc.Mat().create(comm)
     raw = ctypes.c_void_p()
     size = ctypes.c_int if blocks.first.itemsize == 4 else ctypes.c_int64
-    arrays = [a.ctypes.data_as(ctypes.c_void_p) for a in blocks.arrays]
+    # PETSc numbers the columns of the halo anew in their place: it gets a copy, and the blocks can be wrapped again
+    halo_columns = blocks.halo_columns[: max(blocks.halo_first[-1], 1)].copy()
+    arrays = [*blocks.arrays[:4], halo_columns, blocks.arrays[5]]
+    arrays = [a.ctypes.data_as(ctypes.c_void_p) for a in arrays]
     sizes = [size(rows), size(rows), size(PETSc.DETERMINE), size(PETSc.DETERMINE)]
     status = _LIBRARY.MatCreateMPIAIJWithSplitArrays(_handle(comm), *sizes, *arrays, ctypes.byref(raw))
     status = status or _LIBRARY.MatHeaderReplace(ctypes.c_void_p(matrix.handle), ctypes.byref(raw))
     if status:
         raise PETSc.Error(status)
+    matrix.setAttr("halo_columns", halo_columns)
     matrix.setOption(PETSc.Mat.Option.SPD, True)
     return matrix
 
