@@ -100,6 +100,10 @@ class Simulation:
         sqrt(f / l0) dt with the body force f, and the latter plus a fifth of the former.
     implicit : bool
         Whether the viscous step is implicit, so that it does not bound the time step.
+    suction : float
+        Greatest suction that the flow can make, Pa: rho (u^2/2 + f L) by Bernoulli's equation, with the greatest
+        speed u, the body force f and the longest side L of the tank. More is noise, as where a jet meets an edge,
+        and would feed energy to the liquid.
     contacts, put_back : int
         Of this rank: contacts of close particles, particles put back from walls.
     """
@@ -128,8 +132,8 @@ class Simulation:
         self.velocity_solver = VelocitySolver(domain.comm) if "viscosity" in self.seconds else None
         reach = max(scheme.radius, scheme.laplacian_radius) * self.l0
         moved = scheme.position == "moved"
-        self.pairs = Pairs(reach, self.geometry.boxes, wall_pairs=moved)
-        self.wide_pairs = Pairs(scheme.volume_radius * self.l0, self.geometry.boxes, wall_rows=False)
+        self.pairs = Pairs(reach, self.geometry.walls.solids, wall_pairs=moved)
+        self.wide_pairs = Pairs(scheme.volume_radius * self.l0, self.geometry.walls.solids, wall_rows=False)
         wide = scheme.volume_radius if scheme.volume_time is not None else 0.0
         self.halo_width = (max(scheme.radius, scheme.laplacian_radius, wide) + HALO_MARGIN) * self.l0
         arrays = {
@@ -143,6 +147,7 @@ class Simulation:
         self.frame = self.motion.at(0.0)
         self.courant = self.grid_number = self.activity = 0.0
         self.implicit = False
+        self.suction = math.inf
         self.contacts = self.put_back = 0
         self.left = []
         self.largest_kinetic = 0.0
@@ -223,6 +228,7 @@ class Simulation:
         if self.domain.max(float(np.abs(velocity).max(initial=0.0))) == 0.0:
             return
         self.choose_step(self.job.time.max_step or self.job.output.probes_every)
+        self.suction = math.inf  # an impulse has no bound
         self.frame = self.frame._replace(
             force=np.zeros(3), alpha=np.zeros(3), omega=np.zeros(3)
         )
@@ -281,15 +287,16 @@ class Simulation:
 
     def keep_inside(self):
         """Put particles back that a wall should have stopped, and tell those that left an open tank."""
-        p, g = self.particles, self.geometry
+        p, walls = self.particles, self.geometry.walls
         self.put_back += keep_off_walls(
-            p.position, p.velocity, p.kind, g.container, g.boxes, g.open_top, 0.2 * self.l0, p.liquid
+            p.position, p.velocity, p.kind, walls, 0.2 * self.l0, p.liquid
         )
-        if not g.open_top:
+        if not walls.open_top:
             return
         at = p.position[: p.liquid]
-        above = at[:, 2] > g.container[1, 2]
-        beside = np.any((at < g.container[0]) | (at > g.container[1]), axis=1, where=[True, self.dimension == 3, False])
+        above = at[:, 2] > walls.container[1, 2]
+        outside = (at < walls.container[0]) | (at > walls.container[1])
+        beside = np.any(outside, axis=1, where=[True, self.dimension == 3, False])
         for i in np.flatnonzero(above & beside & (p.kind[: p.liquid] == FLUID)):
             p.kind[i] = OUT
             p.velocity[i] = p.pressure[i] = 0.0
@@ -347,6 +354,9 @@ class Simulation:
         self.courant = speed * self.dt / self.l0
         self.grid_number = math.sqrt(force / self.l0) * self.dt
         self.activity = self.grid_number + 0.2 * self.courant
+        length, frame = max(self.job.tank.size), self.frame
+        strength = force + length * (np.linalg.norm(frame.alpha) + np.linalg.norm(frame.omega) ** 2)
+        self.suction = self.density * (0.5 * speed**2 + strength * length)
         # Two particles of different ranks may approach each other, and move once more before the next look.
         self._stale = 2.0 * (moved + speed * self.dt) > HALO_MARGIN * self.l0
         return int(request)

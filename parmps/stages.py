@@ -20,6 +20,8 @@ from parmps.particles import DUMMY, FLUID, WALL
 VOLUME_EVERY = 10
 """Steps between two measurements of the volume error, which changes slowly."""
 
+VOLUME_SHARE = 0.1
+"""Share of the volume error to remove per u dt / l0, u the greatest speed, where volume_time is longer than that."""
 
 RESIDUAL_DAMPING = 2.0
 """Damping of a velocity difference that no linear field explains, per (difference) dt / l0."""
@@ -171,7 +173,7 @@ def viscosity_matters(job):
         return False, "the viscosity is 0"
     if job.scheme.preset == "papers":
         return True, "the papers' scheme has it"
-    length, depth = job.tank.length, min(job.tank.height, sum(f.depth or job.tank.height for f in job.fluids))
+    length, depth = job.tank.length, min(job.tank.height, sum(depth or job.tank.height for depth in job.depths))
     k = math.pi / length
     rate = math.sqrt(job.gravity * k * math.tanh(k * depth)) if job.gravity > 0.0 else 1.0 / job.time.end
     layer = math.sqrt(2.0 * nu / rate)
@@ -221,7 +223,10 @@ def measure_density(sim):
         w.lean,
         w.matrix,
     )
-    density.mark_surface(w.density, w.asymmetry, sim.lattice.density, 0.9 * sim.lattice.asymmetry, w.surface)
+    asymmetry = sim.lattice.asymmetry
+    if s.position == "start" and sim.dimension == 3:  # in 2D the density alone tells particles in corners
+        asymmetry = sim.lattice.corner_asymmetry
+    density.mark_surface(w.density, w.asymmetry, sim.lattice.density, 0.9 * asymmetry, w.surface)
     if s.position == "start":
         w.surface[p.liquid : p.rows] = 0
     else:  # the papers' wall particles can be in the surface, and then have no pressure
@@ -396,15 +401,17 @@ def measure_divergence(sim):
         w.source[:rows] = (1.0 - s.gamma) * trace / sim.dt - s.gamma * (over - 1.0) / sim.dt**2
         return
     if s.volume_time is not None:
-        # no faster than it is measured, or long steps would overshoot
-        trace = trace - p.compression[:rows] / max(s.volume_time, 2.0 * VOLUME_EVERY * sim.dt)
+        # faster in fast flow, where pushing particles apart makes room, but no faster than it is measured
+        rate = max(1.0 / s.volume_time, VOLUME_SHARE * sim.courant / sim.dt)
+        rate = min(rate, 0.5 / (VOLUME_EVERY * sim.dt))
+        trace = trace - p.compression[:rows] * rate
     share = min(s.separation * (sim.grid_number + sim.courant), 0.2)
     trace = trace - share * np.maximum(over - s.overdensity, 0.0) / sim.dt
     w.source[:rows] = trace / sim.dt
 
 
 def solve_pressure(sim):
-    """Assemble and solve the pressure equation; extrapolate the pressure into the dummy layers."""
+    """Assemble and solve the pressure equation; suction is no stronger than the flow can make it."""
     p, s, w = sim.particles, sim.scheme, sim.work
     lat = sim.laplacian_lattice
     blocks = sim.blocks()
@@ -439,6 +446,7 @@ def solve_pressure(sim):
     sim.floating.fix(sim.domain, blocks, w.rhs)
     p.pressure[: p.rows] = sim.solver.solve(blocks, w.rhs, p.pressure[: p.rows])
     sim.floating.level(sim.domain, p.pressure[: p.rows])
+    np.maximum(p.pressure[: p.rows], -sim.suction, out=p.pressure[: p.rows])
     sim.domain.exchange(p.pressure)
 
 

@@ -8,6 +8,7 @@ from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
 from parmps.kernels import density, gradient, poisson, shifting, velocity, viscosity
+from parmps.kernels.walls import Walls
 from parmps.kernels.weight import lattice, smooth_weight, weight
 from parmps.loader import parse_job
 from parmps.neighbors import Pairs
@@ -62,7 +63,7 @@ def make_case(dimension, noise, baffles="", wall_pairs=False, full=False, seed=1
     if dimension == 2:
         shake[:, 1] = 0.0
     p.position[: p.liquid] += shake
-    solids = placed.geometry.boxes
+    solids = placed.geometry.walls.solids
     pairs = Pairs(REACH * l0, solids, wall_pairs=wall_pairs)
     pairs.find(p)
     d = (p.position[None, :, :] - p.position[: p.rows, None, :]) / l0
@@ -737,7 +738,7 @@ def test_particles_are_put_back_from_walls_and_lose_the_speed_towards_them():
     position = np.array([[-0.02, 0.0, 0.3], [0.5, 0.0, 0.51], [1.01, 0.0, -0.01], [0.5, 0.0, 0.25]])
     speed = np.array([[-1.0, 0.0, 2.0], [1.0, 0.0, -3.0], [1.0, 0.0, -1.0], [5.0, 0.0, 5.0]])
     count = shifting.keep_off_walls(
-        position, speed, np.zeros(4, np.int8), container, np.empty((0, 2, 3)), False, 0.01, 4
+        position, speed, np.zeros(4, np.int8), Walls(container), 0.01, 4
     )
     assert count >= 4
     np.testing.assert_allclose(

@@ -1,15 +1,19 @@
-"""The particles at the start of a job, as ``plan --png`` draws them."""
+"""Picture of the particles at the start, before anything runs."""
 
 import numpy as np
 
 from parmps.figures.style import FLUID_COLOURS, new_figure, save
+from parmps.kernels.walls import distances
 from parmps.particles import DUMMY, FLUID, WALL
 from parmps.simulation import wall_layers
 from parmps.tank import place
 
+OUTLINE = 600
+"""Points along each side of a picture at which the distance to the walls is evaluated."""
+
 
 def draw_plan(job, path):
-    """Draw the particles at the start; of a 3D tank, the layer in the middle of the width.
+    """Draw the particles at the start; of a 3D tank, the layers in the middle of its width and of its length.
 
     Parameters
     ----------
@@ -22,43 +26,47 @@ def draw_plan(job, path):
     OutputError
         If it cannot be written.
     """
-    from matplotlib.collections import EllipseCollection
-    from matplotlib.patches import Patch, Rectangle
+    from matplotlib.patches import Patch
 
     start = place(job, job.scheme.wall, layers=wall_layers(job.scheme))
-    l0 = start.spacing
-    y = start.position[:, 1]
-    middle = 0.5 * job.tank.size[1] if job.dimension == 3 else 0.0
-    nearest = y[np.abs(y - middle).argmin()]
-    layer = np.abs(y - nearest) < 0.4 * l0
-    at, kind, fluid = start.position[layer][:, [0, 2]], start.kind[layer], start.fluid[layer]
-    low, high = at.min(axis=0) - l0, at.max(axis=0) + l0
-    figure = new_figure(7.0 * (high[1] - low[1]) / (high[0] - low[0]) + 1.2)
-    axes = figure.add_subplot()
-    groups = [(kind == DUMMY, "0.8", "dummy"), (kind == WALL, "0.45", "wall")]
+    views = [0] if job.dimension == 2 else [0, 1]
+    sides = [job.tank.size[axis] + 6.0 * start.spacing for axis in views]
+    figure = new_figure(7.0 * (job.tank.height + 6.0 * start.spacing) / sum(sides) + 1.2)
+    panels = figure.subplots(1, len(views), squeeze=False, width_ratios=sides)
+    groups = [("0.8", "dummy", start.kind == DUMMY), ("0.45", "wall", start.kind == WALL)]
     for number, liquid in enumerate(job.fluids):
-        groups.append(((kind == FLUID) & (fluid == number), FLUID_COLOURS[number % len(FLUID_COLOURS)], liquid.name))
-    for chosen, colour, _ in groups:
-        size = np.full(chosen.sum(), l0)
+        here = (start.kind == FLUID) & (start.fluid == number)
+        groups.append((FLUID_COLOURS[number % len(FLUID_COLOURS)], liquid.name, here))
+    for axis, axes in zip(views, panels[0], strict=True):
+        _draw_layer(axes, job, start, axis, groups)
+    patches = [Patch(color=colour, label=label) for colour, label, chosen in groups if chosen.any()]
+    panels[0, -1].legend(handles=patches, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+    panels[0, 0].set_title(job.title, loc="left")
+    save(figure, path)
+
+
+def _draw_layer(axes, job, start, axis, groups):
+    """Draw the particles of the layer in the middle of a tank, seen along y (axis 0 is drawn) or x (axis 1)."""
+    from matplotlib.collections import EllipseCollection
+
+    l0, across = start.spacing, 1 - axis
+    middle = 0.5 * job.tank.size[across] if job.dimension == 3 else 0.0
+    thickness = 0.51 if start.geometry.hull is None else 0.75  # next to a hull, layers are not plane
+    layer = np.abs(start.position[:, across] - middle) < thickness * l0
+    for colour, _, chosen in groups:
+        at = start.position[layer & chosen][:, [axis, 2]]
+        sizes = [np.full(len(at), size) for size in (l0, l0, 0.0)]
         axes.add_collection(
             EllipseCollection(
-                size,
-                size,
-                np.zeros(len(size)),
-                units="xy",
-                offsets=at[chosen],
-                offset_transform=axes.transData,
-                facecolors=colour,
-                linewidths=0,
+                *sizes, units="xy", offsets=at, offset_transform=axes.transData, facecolors=colour, linewidths=0
             )
         )
-    axes.add_patch(Rectangle((0, 0), job.tank.length, job.tank.height, fill=False, linewidth=0.8))
-    for solid in start.geometry.solids:
-        if solid.low[1] <= middle <= solid.high[1] or job.dimension == 2:
-            x, z = solid.low[0], solid.low[2]
-            axes.add_patch(Rectangle((x, z), solid.high[0] - x, solid.high[2] - z, fill=False, linewidth=0.8))
-    patches = [Patch(color=colour, label=label) for chosen, colour, label in groups if chosen.any()]
-    axes.legend(handles=patches, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
-    axes.set(aspect="equal", xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x [m]", ylabel="z [m]")
-    axes.set_title(job.title, loc="left")
-    save(figure, path)
+    low, high = (end(start.position[layer][:, [axis, 2]], axis=0) for end in (np.min, np.max))
+    nodes = [np.linspace(a, b, OUTLINE) for a, b in zip(low, high, strict=True)]
+    grid = np.stack(np.meshgrid(*nodes, indexing="ij"), axis=-1).reshape(-1, 2)
+    point = np.full((len(grid), 3), middle)
+    point[:, [axis, 2]] = grid
+    gap = distances(point, start.geometry.walls)[0].reshape(OUTLINE, OUTLINE)
+    axes.contour(*nodes, gap.T, levels=[0.0], colors="black", linewidths=0.8)
+    limits = {"xlim": (low[0] - l0, high[0] + l0), "ylim": (low[1] - l0, high[1] + l0)}
+    axes.set(aspect="equal", xlabel=f"{'xy'[axis]} [m]", ylabel="z [m]", **limits)

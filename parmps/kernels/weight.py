@@ -58,6 +58,8 @@ class Lattice(NamedTuple):
         Number of particles within reach.
     asymmetry : float
         Magnitude |F|0 of the asymmetry vector of a particle in a flat surface ([002] eq. 13).
+    corner_asymmetry : float
+        The same in the corner of a tank, where the walls above the surface fill a part of what it misses.
     surface_density : float
         Number density of a particle in a flat surface, over n0.
     lean : float
@@ -70,6 +72,7 @@ class Lattice(NamedTuple):
     lam: float
     neighbours: int
     asymmetry: float
+    corner_asymmetry: float
     surface_density: float
     lean: float
     smooth_density: float
@@ -98,11 +101,13 @@ def lattice(dimension, reach):
     w = weight.py_func(distance, reach)
     below = points[:, -1] <= 0.0
     unit = points[below] / distance[below, None]
+    walled = below | (points[:, :-1] < 0.0).any(axis=1)
     return Lattice(
         density=w.sum(),
         lam=(w * distance**2).sum() / w.sum(),
         neighbours=len(w),
         asymmetry=dimension / w.sum() * np.linalg.norm((w[below, None] * unit).sum(axis=0)),
+        corner_asymmetry=dimension / w.sum() * np.linalg.norm((w / distance)[walled] @ points[walled]),
         surface_density=w[below].sum() / w.sum(),
         lean=np.linalg.norm((w[below, None] * unit / distance[below, None]).sum(axis=0)),
         smooth_density=1.0 + sum(smooth_weight.py_func(r, reach) for r in distance),
