@@ -77,7 +77,7 @@ def estimate_particles(job, layers):
     -------
     dict of str to int
         As in `count_particles`: the volume of the liquid and the surface of tank and baffles, in spacings.
-        Chamfers and what baffles take from the liquid are left out.
+        The tank is taken for a box, and baffles take nothing from the liquid.
     float
         Spacing of the job, m.
     """
@@ -93,7 +93,9 @@ def estimate_particles(job, layers):
 
 
 def _volume(job, fluid):
-    """Volume that a liquid fills, m3 (m2 in 2D), baffles and chamfers left out."""
+    """Volume that a liquid fills, m3 (m2 in 2D), as if the tank were a box without baffles."""
+    if fluid.fill is not None:
+        return fluid.fill * math.prod(job.tank.size)
     if fluid.region is None:
         return fluid.depth * math.prod(job.tank.size[:-1])
     if fluid.region.box is not None:

@@ -11,7 +11,8 @@ import pytest
 
 from parmps import cli
 from parmps.figures.curves import draw_histories, draw_phases, draw_spectra
-from parmps.figures.snapshots import draw_snapshots, make_view
+from parmps.figures.snapshots import View, draw_snapshots, make_view
+from parmps.loader import parse_job
 from parmps.output import ParticleFile, ProbeTable
 from parmps.signals import read_signals
 
@@ -228,3 +229,21 @@ def test_trade_draws_the_pareto_front(tmp_path):
     assert "| poor | 9.00 | 5.0 |  |" in table
     assert "diverged at t = 1 s" in table
     assert (tmp_path / "trade.png").stat().st_size > 5000
+
+
+@pytest.mark.parametrize(
+    ("tank", "across", "low", "high"),
+    [
+        ("{shape: cylinder, size: [0.8, 0.4, 0.4]}", 0.2, [0.0, 0.0], [0.8, 0.4]),
+        ("{shape: cylinder, size: [0.8, 0.4, 0.4]}", 0.08, [0.0, 0.04], [0.8, 0.36]),
+        ("{shape: sphere, size: [0.4, 0.4, 0.4]}", 0.08, [0.04, 0.04], [0.36, 0.36]),
+        ("{shape: prism, size: [0.8, 0.4, 0.4], chamfer: {bottom: [0.1, 0.2]}}", 0.05, [0.0, 0.1], [0.8, 0.4]),
+    ],
+)
+def test_the_tank_is_drawn_as_the_slice_cuts_it(tank, across, low, high):
+    job = parse_job(
+        f"dimension: 3\nspacing: 0.02\ntank: {tank}\nfluids: [{{name: water, depth: 0.2}}]\ntime: {{end: 1.0}}\n"
+    )
+    outline = View(job, "speed", True, across).outline[:, [0, 2]]
+    np.testing.assert_allclose(outline.min(axis=0), low, atol=1e-12)
+    np.testing.assert_allclose(outline.max(axis=0), high, atol=1e-12)

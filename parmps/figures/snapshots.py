@@ -6,7 +6,7 @@ from parmps.errors import InputError
 from parmps.figures.results import read_frame, read_job, read_times
 from parmps.figures.style import FLUID_COLOURS, SOLID, WIDTH, new_figure
 from parmps.motion import Motion
-from parmps.particles import FLUID
+from parmps.particles import FLUID, WALL
 from parmps.slabs import output_errors
 
 FIELDS = ("pressure", "speed", "fluid", "surface")
@@ -116,9 +116,14 @@ LABELS = {"pressure": ("Pressure [kPa]", "viridis"), "speed": ("Speed [m/s]", "p
 def _outline(job, across):
     """Corners of the tank's section at a place across the width, and of the baffles in it; y is that place."""
     length, height = job.tank.length, job.tank.height
-    corners = [(0.0, 0.0), (length, 0.0), (length, height), (0.0, height)]
-    chamfer = job.tank.chamfer
-    if chamfer is not None and job.dimension == 2:
+    low, high = _heights(job, across)
+    corners = [(0.0, low), (length, low), (length, high), (0.0, high)]
+    chamfer, round_in = job.tank.chamfer, {"cylinder": 2, "sphere": 3}.get(job.tank.shape)
+    if round_in == job.dimension:
+        angle = np.linspace(0.0, 2.0 * np.pi, 97)
+        corners = (length + (high - low) * np.cos(angle)) / 2.0, (height + (high - low) * np.sin(angle)) / 2.0
+        corners = np.column_stack(corners)
+    elif chamfer is not None and job.dimension == 2:
         (a, b), (c, d) = chamfer.bottom or (0.0, 0.0), chamfer.top or (0.0, 0.0)
         corners = [(a, 0.0), (length - a, 0.0), (length, b), (length, height - d)]
         corners += [(length - c, height), (c, height), (0.0, height - d), (0.0, b)]
@@ -131,6 +136,20 @@ def _outline(job, across):
         z = (baffle.bottom, baffle.top) if baffle.vertical else (baffle.z - half, baffle.z + half)
         solids.append([(x[0], z[0]), (x[1], z[0]), (x[1], z[1]), (x[0], z[1])])
     return _points(corners, across), [_points(solid, across) for solid in solids]
+
+
+def _heights(job, across):
+    """Lowest and highest point of the inside at a place across the width of a 3D tank, m."""
+    tank = job.tank
+    if job.dimension == 2:
+        return 0.0, tank.height
+    if tank.shape in ("cylinder", "sphere"):
+        half = np.sqrt(max(across * (tank.height - across), 0.0))
+        return tank.height / 2.0 - half, tank.height / 2.0 + half
+    to_side = min(across, tank.size[1] - across)
+    legs = (tank.chamfer.bottom, tank.chamfer.top) if tank.chamfer else (None, None)
+    rise, fall = (max(1.0 - to_side / pair[0], 0.0) * pair[1] if pair else 0.0 for pair in legs)
+    return rise, tank.height - fall
 
 
 def _points(corners, across):
@@ -188,7 +207,10 @@ def draw_panel(axes, view, frame, top, limits):
     if not lid:
         half = len(tank) // 2 + 1  # the corners run from the bottom round; an open tank has none along its top
         tank = np.roll(tank, len(tank) - half, axis=0)
-    axes.add_patch(Polygon(tank, closed=lid, fill=False, edgecolor=SOLID, linewidth=1.6, joinstyle="round"))
+    if view.job.tank.shape == "stl":
+        _draw_walls(axes, view, frame)
+    else:
+        axes.add_patch(Polygon(tank, closed=lid, fill=False, edgecolor=SOLID, linewidth=1.6, joinstyle="round"))
     for solid in view.solids:
         axes.add_patch(Polygon(view.to_earth(solid, frame.time), facecolor=SOLID, edgecolor=SOLID, linewidth=0.8))
     low, high = limits
@@ -197,6 +219,14 @@ def draw_panel(axes, view, frame, top, limits):
     tilt = f", tank turned by {angle:+.1f}°" if abs(angle) > 0.05 else ""
     axes.set_title(f"t = {frame.time:.3f} s{tilt}", loc="left", fontsize="medium")
     return shown
+
+
+def _draw_walls(axes, view, frame):
+    """Draw the wall particles of the slice, for a tank whose section is known by them alone."""
+    arrays = frame.arrays
+    near = np.abs(arrays["position"][:, 1] - view.across) <= 0.5 * view.job.spacing
+    x, z = view.to_earth(arrays["position"][near & (arrays["type"] == WALL)], frame.time).T
+    axes.plot(x, z, ".", color=SOLID, markersize=2.0)
 
 
 def _key(figure, axes, view, shown, low, high):
