@@ -4,13 +4,15 @@ import math
 
 import numpy as np
 
+from parmps import waves
 from parmps.kernels.weight import lattice
+from parmps.liquids import Liquids
 from parmps.motion import Motion
 from parmps.particles import DUMMY, FIELDS, FLUID, WALL
 from parmps.simulation import HALO_MARGIN, STEADY_STEP, VISCOUS_STEP, Work, wall_layers
 from parmps.slabs import output_errors
 from parmps.stages import make_plan
-from parmps.tank import count_particles, place
+from parmps.tank import count_particles, place, standing_wave
 
 PROGRAM_BYTES = 250e6
 """Memory of a rank without particles: Python, the compiled kernels and the libraries."""
@@ -161,7 +163,7 @@ def step_estimate(job, spacing):
 
 def _bound(job, spacing, force, speed):
     """Step and the bound that governs it; the bounds are those of `Simulation.choose_step`."""
-    control, viscosity = job.time, job.fluids[0].kinematic_viscosity
+    control, viscosity = job.time, Liquids(job).viscous_rate
     bounds = [(job.output.probes_every, "output.probes_every")]
     if control.max_step is not None:
         bounds.append((control.max_step, "time.max_step"))
@@ -198,9 +200,14 @@ def _initial_speed(job):
     if initial.kind == "velocity":
         return math.hypot(*initial.value)
     if initial.kind == "standing_wave":
-        k, depth = initial.mode * math.pi / job.tank.length, sum(fluid.depth for fluid in job.fluids)
-        # linear wave: amplitude omega coth(k h), at the surface
-        return abs(initial.amplitude) * math.sqrt(job.gravity * k / math.tanh(k * depth))
+        k, omega, shape = standing_wave(job)
+        layers = waves.layers_of(job)
+        top = np.cumsum(layers.depth)
+        bottom, layer = top - layers.depth, np.arange(len(top))
+        speed = initial.amplitude * omega * shape
+        # greatest at a boundary of a layer, at the wall or between two
+        at = [waves.velocity(layers, k, speed, np.full(len(z), x), z, layer) for x in (0.0, 0.5 * math.pi / k) for z in (bottom, top)]
+        return float(np.abs(at).max())
     return 0.0
 
 

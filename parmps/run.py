@@ -152,7 +152,7 @@ class Run:
             surface=s.work.surface[own],
             spacing=s.l0,
             force=s.frame.force,
-            density=s.density,
+            density=s.liquids.density[p.fluid[own]],
         )
 
     def _sample(self):

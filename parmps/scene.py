@@ -160,7 +160,17 @@ class StandingWave(Kind):
 
     kind: Literal["standing_wave"] = setting("velocity field of a linear standing wave")
     mode: int = setting("number of half wavelengths along the tank", default=1, ge=1, le=1000, strict=True)
-    amplitude: Number = setting("amplitude that the wave will reach at the wall", "m", ge=-1e3, le=1e3)
+    amplitude: Number = setting(
+        "amplitude that the wave will reach at the wall, where its elevation is greatest", "m", ge=-1e3, le=1e3
+    )
+    branch: int = setting(
+        "which of the waves of this length, one a moving boundary of the layers: 1 is the fastest, that of the "
+        "free surface",
+        default=1,
+        ge=1,
+        le=20,
+        strict=True,
+    )
 
 
 class UniformVelocity(Kind):

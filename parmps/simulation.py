@@ -11,6 +11,7 @@ from parmps.kernels import density as density_kernels
 from parmps.kernels.shifting import keep_off_walls
 from parmps.kernels.velocity import body_force
 from parmps.kernels.weight import lattice
+from parmps.liquids import Liquids
 from parmps.motion import Motion
 from parmps.neighbors import Pairs
 from parmps.particles import FLUID, OUT, Particles
@@ -72,6 +73,7 @@ class Work:
             setattr(self, name, np.zeros((count, width)))
         self.surface = np.zeros(count, np.int8)
         self.near = np.zeros(count, np.int8)
+        self.bend = None
 
 
 class Simulation:
@@ -102,14 +104,11 @@ class Simulation:
         scheme = job.scheme
         self.job, self.scheme, self.domain = job, scheme, domain
         self.dimension = job.dimension
-        self.density = job.fluids[0].density
-        self.viscosity = job.fluids[0].kinematic_viscosity
+        self.liquids = Liquids(job)
         placement = place(job, scheme.wall, domain.rank, domain.size, layers=wall_layers(scheme))
         self.geometry = placement.geometry
         self.l0 = placement.spacing
-        self.particle_mass = float(
-            self.density * domain.sum(float(placement.volume.sum())) / max(placement.total_fluid, 1)
-        )
+        self.particle_mass = self._masses(placement)
         self.totals = {"fluid": placement.total_fluid, "total": placement.total}
         self.motion = Motion(job.motion, job.gravity, job.dimension, job.tank)
         self.lattice = lattice(job.dimension, scheme.radius)
@@ -146,9 +145,7 @@ class Simulation:
         self.distribute()
         self.initial_energy = self.kinetic_energy()
         at = self.particles.position[: self.particles.liquid, 2]
-        mean_height = self.domain.sum(float(at.sum())) / self.totals["fluid"]
-        weight = self.particle_mass * self.totals["fluid"] * np.linalg.norm(self.frame.force)
-        self.energy_scale = weight * mean_height
+        self.energy_scale = np.linalg.norm(self.frame.force) * self.domain.sum(self.mass_sum(at))
 
     # Distribution
 
@@ -228,6 +225,11 @@ class Simulation:
 
     # What the stages use
 
+    @property
+    def fluid(self):
+        """Number of each particle's liquid, or None where there is one liquid: (n,) int8."""
+        return self.particles.fluid if self.liquids.several else None
+
     def blocks(self):
         """Room for this rank's part of the matrix.
 
@@ -266,8 +268,8 @@ class Simulation:
     def count_work(self):
         """Add up the work that the body force does on this rank's liquid in this step."""
         p, w = self.particles, self.work
-        power = np.einsum("ij,ij", w.force[: p.liquid], p.velocity[: p.liquid])
-        self.work_done += self.particle_mass * self.dt * power
+        power = np.einsum("ij,ij->i", w.force[: p.liquid], p.velocity[: p.liquid])
+        self.work_done += self.dt * self.mass_sum(power)
 
     def keep_inside(self):
         """Put particles back that a wall should have stopped, and tell those that left an open tank."""
@@ -318,7 +320,7 @@ class Simulation:
         if force > 0.0:
             bounds.append(STEADY_STEP * math.sqrt(self.l0 / force))
         if "viscosity" in self.seconds:
-            bounds.append(VISCOUS_STEP * self.l0**2 / self.viscosity)
+            bounds.append(VISCOUS_STEP * self.l0**2 / self.liquids.viscous_rate)
         left = until - self.time
         steps = max(math.ceil(left / min(bounds) * (1.0 - 1e-9)), 1)
         self.dt = left / steps
@@ -392,11 +394,34 @@ class Simulation:
 
     # Sums over the liquid
 
+    def _masses(self, placement):
+        """Mass of a particle of each liquid, so that the sum is that of the volume filled: (liquids,), kg (kg/m)."""
+        liquid = placement.kind == FLUID
+        kinds, count = placement.fluid[liquid], len(self.liquids.density)
+        sums = [np.bincount(kinds, placement.volume[liquid], count), np.bincount(kinds, minlength=count)]
+        volume, number = self.domain.sum(np.array(sums, dtype=float))
+        return self.liquids.density * volume / np.maximum(number, 1.0)
+
+    def mass_sum(self, values):
+        """Sum of a value times the mass over this rank's liquid.
+
+        Parameters
+        ----------
+        values : (liquid,) float64
+
+        Returns
+        -------
+        float
+        """
+        if self.fluid is None:
+            return float(self.particle_mass[0] * values.sum())
+        return float(self.particle_mass[self.fluid[: len(values)]] @ values)
+
     def kinetic_energy(self):
         """Kinetic energy relative to the tank, J (J/m in 2D)."""
         p = self.particles
         v = p.velocity[: p.liquid]
-        return 0.5 * self.particle_mass * float(self.domain.sum(np.einsum("ij,ij", v, v)))
+        return 0.5 * float(self.domain.sum(self.mass_sum(np.einsum("ij,ij->i", v, v))))
 
     def energy_drift(self):
         """Energy that came from nowhere (or, negative, went to heat), over the energy of the liquid.

@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from parmps.components import floating_components
-from parmps.kernels import density, gradient, poisson, shifting, velocity
+from parmps.kernels import density, gradient, interface, poisson, shifting, velocity
+from parmps.liquids import Liquids
 from parmps.particles import DUMMY, FLUID, WALL
 
 VOLUME_EVERY = 10
@@ -80,9 +81,17 @@ def make_plan(job, ranks):
         return []
 
     viscous, why = viscosity_matters(job)
+    several = len(job.fluids) > 1
     halo = when(ranks > 1, "halo", f"particles of {ranks} ranks see each other", refresh_halo, "one rank")
     search = [Stage("neighbours", "every operator sums over neighbours", find_neighbours)]
     viscosity = when(viscous, "viscosity", why, add_viscosity, why)
+    walls = when(
+        several,
+        "wall liquids",
+        f"walls have the density of the one of {len(job.fluids)} liquids next to them",
+        label_walls,
+        "one liquid",
+    )
     contact = when(
         scheme.collision_distance > 0.0,
         "contacts",
@@ -121,6 +130,7 @@ def make_plan(job, ranks):
         [
             *halo,
             *search,
+            *walls,
             Stage("density", "moments of the neighbourhood and free surface", measure_density),
             *volume,
             Stage("body force", "gravity and the tank's motion, balanced in the pressure equation", predict),
@@ -150,7 +160,7 @@ def viscosity_matters(job):
     str
         The reason, with numbers.
     """
-    nu = max(fluid.kinematic_viscosity for fluid in job.fluids)
+    nu = Liquids(job).viscous_rate
     if nu == 0.0:
         return False, "the viscosity is 0"
     if job.scheme.preset == "papers":
@@ -186,6 +196,13 @@ def refresh_halo(sim):
 def find_neighbours(sim):
     """List the neighbours within the largest radius."""
     sim.pairs.find(sim.particles)
+
+
+def label_walls(sim):
+    """Find the liquid next to each wall particle."""
+    p = sim.particles
+    interface.label_walls(p.position, *sim.pairs.lists, p.kind, p.liquid, p.rows, p.fluid)
+    sim.domain.exchange(p.fluid)
 
 
 def measure_density(sim):
@@ -287,7 +304,7 @@ def add_viscosity(sim):
         p.kind,
         p.normal,
         p.depth,
-        sim.viscosity,
+        sim.liquids.viscosity,
         *sim.pairs.lists,
         sim.l0,
         s.radius,
@@ -297,6 +314,7 @@ def add_viscosity(sim):
         sim.dt,
         p.liquid,
         sim.work.intermediate,
+        sim.fluid,
     )
 
 
@@ -311,6 +329,8 @@ def add_contacts(sim):
         sim.scheme.collision_distance * sim.l0,
         p.liquid,
         sim.work.intermediate,
+        sim.fluid,
+        sim.liquids.share,
     )
 
 
@@ -397,12 +417,17 @@ def solve_pressure(sim):
         lat.density,
         lat.lam,
         sim.dimension,
-        sim.density,
+        sim.liquids.reference,
         0.5 if s.gradient == "corrected" else 1.0,
         s.surface == "ghost",
         *blocks.arrays,
         blocks.at_diagonal,
         w.rhs,
+        sim.fluid,
+        sim.liquids.volume,
+        sim.liquids.share,
+        sim.liquids.tension,
+        w.bend,
     )
     if sim.check_floating():
         sim.floating = floating_components(sim.domain, sim.column, blocks, w.surface[: p.rows])
@@ -435,6 +460,8 @@ def accelerate(sim):
         RESIDUAL_DAMPING * sim.dt / sim.l0,
         p.liquid,
         w.change,
+        sim.fluid,
+        sim.liquids.share,
     )
     liquid = slice(0, p.liquid)
     p.velocity[liquid] = (
@@ -463,6 +490,10 @@ def pressure_gradient(sim):
             sim.dimension,
             p.liquid,
             p.acceleration,
+            sim.fluid,
+            sim.liquids.volume,
+            sim.liquids.tension,
+            w.bend,
         )
     else:
         extrapolate_to_dummies(sim)
@@ -478,7 +509,7 @@ def pressure_gradient(sim):
             p.liquid,
             p.acceleration,
         )
-    p.acceleration[: p.liquid] /= sim.density
+    p.acceleration[: p.liquid] /= sim.liquids.reference
 
 
 def move(sim):
@@ -529,4 +560,4 @@ def extrapolate_to_dummies(sim):
     known = p.id[parent] == p.parent[dummies]
     dummies, parent = dummies[known], parent[known]
     jump = (p.position[dummies] - p.position[parent]) @ sim.frame.force
-    p.pressure[dummies] = np.where(p.pressure[parent] != 0.0, p.pressure[parent] + sim.density * jump, 0.0)
+    p.pressure[dummies] = np.where(p.pressure[parent] != 0.0, p.pressure[parent] + sim.liquids.reference * jump, 0.0)

@@ -7,6 +7,7 @@ import h5py
 import numpy as np
 from scipy.spatial import cKDTree
 
+from parmps import waves
 from parmps.errors import InputError
 from parmps.lattice import ROUNDING, Geometry, build_geometry, distance_to_box
 
@@ -80,13 +81,6 @@ def require_supported(job):
     """
     if job.tank.shape != "box":
         raise InputError("tank.shape", f"got '{job.tank.shape}', not yet supported; use box")
-    if len(job.fluids) > 1:
-        raise InputError("fluids", f"got {len(job.fluids)} fluids, more than one is not yet supported")
-    if job.interfaces:
-        raise InputError("interfaces", "not yet supported")
-    for number, probe in enumerate(job.probes):
-        if probe.kind == "interface":
-            raise InputError(f"probes[{number}].kind", "got 'interface', not yet supported")
 
 
 def place(job, wall, part=0, parts=1, layers=3):
@@ -427,9 +421,8 @@ def _solid_walls(geometry, number):
 def initial_velocity(job, placement):
     """Velocity of the particles at the start, relative to a tank at rest.
 
-    A standing wave starts flat: surface elevation A sin(omega t) cos(k x) with k = mode pi / length, so that
-    the velocity is that of linear theory (potential A omega / k cosh(k z) / sinh(k h) cos(k x), omega^2 =
-    g k tanh(k h)) at the instant of its zero.
+    A standing wave starts flat: the elevation of a layer's top is A_n sin(omega t) cos(k x) with k = mode pi /
+    length, so that the velocity is that of linear theory (`waves.velocity`) at the instant of its zero.
 
     Parameters
     ----------
@@ -450,7 +443,7 @@ def initial_velocity(job, placement):
     liquid = placement.kind == FLUID
     initial = job.initial
     if initial.kind == "standing_wave":
-        velocity[liquid] = _standing_wave(job, placement.position[liquid])
+        velocity[liquid] = _standing_wave(job, placement.position[liquid], placement.fluid[liquid])
     elif initial.kind == "velocity":
         names = [fluid.name for fluid in job.fluids]
         chosen = liquid & (placement.fluid == names.index(initial.fluid))
@@ -460,18 +453,44 @@ def initial_velocity(job, placement):
     return velocity
 
 
-def _standing_wave(job, position):
-    depth = sum(fluid.depth for fluid in job.fluids)
-    k = job.initial.mode * np.pi / job.tank.length
-    speed = job.initial.amplitude * np.sqrt(job.gravity * k * np.tanh(k * depth))
-    x, z = position[:, 0], position[:, 2]
-    # cosh(kz)/sinh(kh) and sinh(kz)/sinh(kh) without the overflow of short waves
-    rising, falling = np.exp(k * (z - depth)), np.exp(-k * (z + depth))
-    scale = speed / (1 - np.exp(-2 * k * depth))
+def _standing_wave(job, position, fluid):
+    k, omega, shape = standing_wave(job)
+    speed = job.initial.amplitude * omega * shape
     velocity = np.zeros_like(position)
-    velocity[:, 0] = -scale * (rising + falling) * np.sin(k * x)
-    velocity[:, 2] = scale * (rising - falling) * np.cos(k * x)
+    velocity[:, 0], velocity[:, 2] = waves.velocity(
+        waves.layers_of(job), k, speed, position[:, 0], position[:, 2], fluid
+    )
     return velocity
+
+
+def standing_wave(job):
+    """Linear wave that a job starts with.
+
+    Parameters
+    ----------
+    job : Job
+
+    Returns
+    -------
+    k : float, rad/m
+    omega : float, rad/s
+    shape : (n,) float64
+        Elevations of the layers' tops over the greatest of them.
+
+    Raises
+    ------
+    InputError
+        There is no such wave.
+    """
+    initial = job.initial
+    k = initial.mode * np.pi / job.tank.length
+    omega2, shape = waves.modes(waves.layers_of(job), k)
+    if initial.branch > len(omega2):
+        raise InputError("initial.branch", f"got {initial.branch}, must be at most {len(omega2)}, one a moving boundary")
+    at = initial.branch - 1
+    if omega2[at] <= 0.0:
+        raise InputError("initial.kind", "a standing wave needs layers that are stable: the heavier ones below")
+    return k, float(np.sqrt(omega2[at])), shape[:, at]
 
 
 def _three(vectors):

@@ -3,12 +3,30 @@
 import math
 
 from parmps.kernels.compiled import compiled
+from parmps.kernels.interface import pressure_jump
 from parmps.kernels.weight import weight
 
 
 @compiled
 def corrected_gradient(
-    position, pressure, kind, surface, lean, first, other, inverse, l0, reach, n0, dimension, rows, out
+    position,
+    pressure,
+    kind,
+    surface,
+    lean,
+    first,
+    other,
+    inverse,
+    l0,
+    reach,
+    n0,
+    dimension,
+    rows,
+    out,
+    fluid=None,
+    volume=None,
+    tension=None,
+    bend=None,
 ):
     """Gradient from P_j - P_i with the inverse moment matrix, exact for linear fields (Duan 2018).
 
@@ -34,6 +52,8 @@ def corrected_gradient(
     dimension, rows : int
     out : (n, 3) float64, Pa/m
         Filled for the rows.
+    fluid, volume, tension, bend
+        As in `poisson_rows`: with several liquids it is grad P / rho, times the reference density.
     """
     scale = dimension / (n0 * l0)
     for i in range(rows):
@@ -51,14 +71,23 @@ def corrected_gradient(
             if r2 >= reach * reach:
                 continue
             there = pressure[j] if surface[j] == 0 else max(pressure[j], 0.0)
-            s = weight(math.sqrt(r2), reach) / r2 * (there - here)
+            s = weight(math.sqrt(r2), reach) / r2
+            if fluid is None:
+                s *= there - here
+            else:
+                if tension is not None:
+                    there -= pressure_jump(fluid[i], fluid[j], tension, bend[i], bend[j])
+                s *= volume[fluid[i], fluid[j]] * (there - here)
             gx += s * dx
             gy += s * dy
             gz += s * dz
         if surface[i] != 0:
-            gx -= 2.0 * here * lean[i, 0]
-            gy -= 2.0 * here * lean[i, 1]
-            gz -= 2.0 * here * lean[i, 2]
+            s = 2.0 * here
+            if fluid is not None:
+                s *= volume[fluid[i], fluid[i]]
+            gx -= s * lean[i, 0]
+            gy -= s * lean[i, 1]
+            gz -= s * lean[i, 2]
         m = inverse[i]
         out[i, 0] = scale * (m[0] * gx + m[1] * gy + m[2] * gz)
         out[i, 1] = scale * (m[1] * gx + m[3] * gy + m[4] * gz)
@@ -141,7 +170,9 @@ def paper_gradient(position, pressure, first, other, l0, reach, n0, dimension, m
 
 
 @compiled
-def residual_damping(position, velocity, kind, gradient, first, other, l0, reach, n0, base, slope, rows, out):
+def residual_damping(
+    position, velocity, kind, gradient, first, other, l0, reach, n0, base, slope, rows, out, fluid=None, share=None
+):
     """Velocity change that damps what a linear field cannot explain.
 
     dv_i = 1/n0 sum e W [v_j - v_i - (grad v_i + grad v_j)/2 (r_j - r_i)] over fluid particles. The bracket
@@ -166,6 +197,8 @@ def residual_damping(position, velocity, kind, gradient, first, other, l0, reach
     rows : int
     out : (n, 3) float64, m/s
         Filled for the rows.
+    fluid, share
+        As in `poisson_rows`: heavier particles change less.
     """
     for i in range(rows):
         ax = ay = az = 0.0
@@ -189,6 +222,8 @@ def residual_damping(position, velocity, kind, gradient, first, other, l0, reach
             ry = velocity[j, 1] - velocity[i, 1] - (g[3] + h[3]) * dx - (g[4] + h[4]) * dy - (g[5] + h[5]) * dz
             rz = velocity[j, 2] - velocity[i, 2] - (g[6] + h[6]) * dx - (g[7] + h[7]) * dy - (g[8] + h[8]) * dz
             w *= min(base + slope * math.sqrt(rx * rx + ry * ry + rz * rz), 0.3)
+            if fluid is not None:
+                w *= 2.0 * share[fluid[j], fluid[i]]
             ax += w * rx
             ay += w * ry
             az += w * rz

@@ -3,6 +3,7 @@
 import math
 
 from parmps.kernels.compiled import compiled
+from parmps.kernels.interface import pressure_jump
 from parmps.kernels.weight import weight
 
 WEAKEST_WALL = 0.08
@@ -37,6 +38,11 @@ def poisson_rows(
     halo_values,
     at_diagonal,
     rhs,
+    fluid=None,
+    volume=None,
+    share=None,
+    tension=None,
+    bend=None,
 ):
     """Assemble sum_j c W_ij [P_i - P_j + rho f_ij . (r_j - r_i)] = -rho s_i, with c = 2D/(n0 lambda l0^2).
 
@@ -44,6 +50,11 @@ def poisson_rows(
     the two ends, so that a hydrostatic pressure solves the equation exactly however disordered the particles
     are. Links to walls count ``wall_share``: on a lattice the wall particles, which have no links among
     themselves, carry twice the flux along the wall that an even reflection would, so half is right.
+
+    Between liquids of different density the equation is one of accelerations: the link's specific volume
+    2 / (rho_i + rho_j) stands for 1 / rho, and f_ij is the mean by mass, so that layers at rest have their
+    pressure exactly and a tangential acceleration that jumps with the density does no harm. Surface tension
+    is a jump of the pressure on the links across the interface, balanced as exactly.
 
     In the surface, ``ghost`` closes the support with particles of zero pressure half a spacing above the
     particle (after Shibata 2015): their weight is that of the missing first moment, so that pressure-free
@@ -72,7 +83,7 @@ def poisson_rows(
         Radius of the Laplacian in spacings, and its lattice constants.
     dimension : int
     density : float
-        rho, kg/m3.
+        rho, kg/m3, or the reference density of ``volume``.
     wall_share : float
     ghost : bool
     row_first : (rows + 1,) int32
@@ -85,6 +96,13 @@ def poisson_rows(
         Filled: where in ``values`` the diagonal is.
     rhs : (rows,) float64
         Filled.
+    fluid : None or (n,) int8
+        Number of each particle's liquid, that of the liquid next to it for a wall; None for a single liquid.
+    volume, share, tension
+        Tables of `Liquids`.
+    bend : None or (n,) float64, 1/m
+        Curvature of the interface near each particle, positive where its own liquid is convex; None without
+        surface tension.
     """
     scale = 2.0 * dimension / (n0 * lam * l0 * l0)
     rows = rhs.shape[0]
@@ -99,7 +117,10 @@ def poisson_rows(
             row_first[i + 1], halo_first[i + 1] = count, beyond
             continue
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
-        diagonal = flux = total = mx = my = mz = held = 0.0
+        diagonal = flux = jumps = total = mx = my = mz = held = 0.0
+        own = 1.0
+        if fluid is not None:
+            own = volume[fluid[i], fluid[i]]
         at_diagonal[i] = -1
         for k in range(first[i], first[i + 1]):
             j = other[k]
@@ -120,15 +141,22 @@ def poisson_rows(
             if column[j] < 0:
                 continue
             if kind[i] == 0 and kind[j] == 0:
-                fx = 0.5 * (link_force[i, 0] + link_force[j, 0])
-                fy = 0.5 * (link_force[i, 1] + link_force[j, 1])
-                fz = 0.5 * (link_force[i, 2] + link_force[j, 2])
+                s = 0.5
+                if fluid is not None:
+                    s = share[fluid[i], fluid[j]]
+                fx = s * link_force[i, 0] + (1.0 - s) * link_force[j, 0]
+                fy = s * link_force[i, 1] + (1.0 - s) * link_force[j, 1]
+                fz = s * link_force[i, 2] + (1.0 - s) * link_force[j, 2]
             else:
                 w *= wall_share
                 f = wall_force[j] if kind[i] != 0 else wall_force[i]
                 fx, fy, fz = f[0], f[1], f[2]
-            diagonal += w
             flux += w * (fx * dx + fy * dy + fz * dz)
+            if fluid is not None:
+                w *= volume[fluid[i], fluid[j]]
+                if tension is not None:
+                    jumps += w * pressure_jump(fluid[i], fluid[j], tension, bend[i], bend[j])
+            diagonal += w
             if surface[j] != 0 and not ghost:
                 continue
             if j < rows:
@@ -140,20 +168,20 @@ def poisson_rows(
                 halo_values[beyond] = -scale * w
                 beyond += 1
         if surface[i] != 0:
-            diagonal += max(2.0 * math.sqrt(mx * mx + my * my + mz * mz), n0 - total)
+            diagonal += own * max(2.0 * math.sqrt(mx * mx + my * my + mz * mz), n0 - total)
             flux += link_force[i, 0] * mx + link_force[i, 1] * my + link_force[i, 2] * mz
         if kind[i] != 0:
             # Weak links come and go with every step; with the diagonal following them down to nothing, the
             # preconditioner of an earlier step would magnify these rows. So they are held at the last
             # pressure. A dry wall particle has no links, and no pressure.
-            if 0.0 < diagonal < WEAKEST_WALL:
-                held = scale * (WEAKEST_WALL - diagonal) * pressure[i]
-            diagonal = max(diagonal, WEAKEST_WALL)
+            if 0.0 < diagonal < own * WEAKEST_WALL:
+                held = scale * (own * WEAKEST_WALL - diagonal) * pressure[i]
+            diagonal = max(diagonal, own * WEAKEST_WALL)
         elif diagonal == 0.0:  # a fluid particle alone
-            diagonal = n0
+            diagonal = own * n0
         if at_diagonal[i] < 0:
             at_diagonal[i] = count
             count += 1
         columns[at_diagonal[i]], values[at_diagonal[i]] = i, scale * diagonal
-        rhs[i] = held - density * (source[i] + scale * l0 * flux)
+        rhs[i] = held - scale * jumps - density * (source[i] + scale * l0 * flux)
         row_first[i + 1], halo_first[i + 1] = count, beyond
