@@ -30,6 +30,8 @@ class Liquids:
         Specific volume between particles of two liquids, 2 / (rho_i + rho_j), times the reference density.
     share : None or (liquids, liquids) float64
         Share rho_i / (rho_i + rho_j) of particle i in the mass of the pair.
+    sheet : None or (liquids, liquids) bool
+        Whether the velocity jumps between two liquids: where their densities differ; None for nowhere.
     tension : None or (liquids, liquids) float64, N/m
         Interfacial tension; None where all are zero.
     """
@@ -40,7 +42,7 @@ class Liquids:
         self.several = len(rho) > 1
         self.density = rho
         self.reference = float(rho[0])
-        self.volume = self.share = self.tension = None
+        self.volume = self.share = self.tension = self.sheet = None
         self.viscosity = float(nu[0])
         if self.several:
             total = rho[:, None] + rho
@@ -48,6 +50,8 @@ class Liquids:
             self.share = rho[:, None] / total
             self.viscosity = harmonic(rho * nu) / rho[:, None]
             self.tension = _tension(job)
+            sheet = rho[:, None] != rho
+            self.sheet = sheet if sheet.any() else None
         self.viscous_rate = float(np.max(self.viscosity))
 
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from parmps.components import Floating
 from parmps.errors import DivergedError
+from parmps.interfaces import Near
 from parmps.kernels import density as density_kernels
 from parmps.kernels.shifting import keep_off_walls
 from parmps.kernels.velocity import body_force
@@ -62,7 +63,7 @@ class Work:
         One row a particle, the halo included.
     """
 
-    def __init__(self, rows, count):
+    def __init__(self, rows, count, interfaces=False):
         for name, width in (("density", 1), ("source", 1), ("rhs", 1), ("smooth", 1)):
             setattr(self, name, np.zeros(rows * width))
         for name, width in (("lean", 3), ("matrix", 6), ("inverse", 6), ("full", 6)):
@@ -74,6 +75,7 @@ class Work:
         self.surface = np.zeros(count, np.int8)
         self.near = np.zeros(count, np.int8)
         self.bend = None
+        self.near_interface = Near(rows, count) if interfaces else None
 
 
 class Simulation:
@@ -167,7 +169,7 @@ class Simulation:
         if len(p) != p.owned:
             p.resize(p.owned)
         self.domain.build_halo(p, self.halo_width)
-        self.work = Work(p.rows, len(p))
+        self.work = Work(p.rows, len(p), self.liquids.sheet is not None)
         self._blocks = None
         self.column = np.full(len(p), -1, np.int32)
         self.column[: p.rows] = self._first_row + np.arange(p.rows)

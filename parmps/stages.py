@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from parmps.components import floating_components
-from parmps.kernels import density, gradient, interface, poisson, shifting, velocity
+from parmps.interfaces import correct_acceleration, correct_divergence, find_interfaces, label_walls
+from parmps.kernels import density, gradient, poisson, shifting, velocity
 from parmps.liquids import Liquids
 from parmps.particles import DUMMY, FLUID, WALL
 
@@ -92,6 +93,13 @@ def make_plan(job, ranks):
         label_walls,
         "one liquid",
     )
+    interfaces = when(
+        Liquids(job).sheet is not None,
+        "interfaces",
+        "velocity and pressure gradient jump between liquids of different density",
+        find_interfaces,
+        "all liquids have one density" if several else "one liquid",
+    )
     contact = when(
         scheme.collision_distance > 0.0,
         "contacts",
@@ -132,6 +140,7 @@ def make_plan(job, ranks):
             *search,
             *walls,
             Stage("density", "moments of the neighbourhood and free surface", measure_density),
+            *interfaces,
             *volume,
             Stage("body force", "gravity and the tank's motion, balanced in the pressure equation", predict),
             *viscosity,
@@ -196,13 +205,6 @@ def refresh_halo(sim):
 def find_neighbours(sim):
     """List the neighbours within the largest radius."""
     sim.pairs.find(sim.particles)
-
-
-def label_walls(sim):
-    """Find the liquid next to each wall particle."""
-    p = sim.particles
-    interface.label_walls(p.position, *sim.pairs.lists, p.kind, p.liquid, p.rows, p.fluid)
-    sim.domain.exchange(p.fluid)
 
 
 def measure_density(sim):
@@ -386,6 +388,9 @@ def measure_divergence(sim):
     )
     w.source[:] = 0.0
     trace = w.gradient[:rows, 0] + w.gradient[:rows, 4] + w.gradient[:rows, 8]
+    if w.near_interface is not None:
+        index, values = correct_divergence(sim)
+        trace[index] = values
     over = w.density[:rows] / n0
     if s.position == "moved":  # [004] eq. 12
         w.source[:rows] = (1.0 - s.gamma) * trace / sim.dt - s.gamma * (over - 1.0) / sim.dt**2
@@ -462,6 +467,8 @@ def accelerate(sim):
         w.change,
         sim.fluid,
         sim.liquids.share,
+        sim.liquids.sheet,
+        None if w.near_interface is None else w.near_interface.normal,
     )
     liquid = slice(0, p.liquid)
     p.velocity[liquid] = (
@@ -510,6 +517,8 @@ def pressure_gradient(sim):
             p.acceleration,
         )
     p.acceleration[: p.liquid] /= sim.liquids.reference
+    if w.near_interface is not None:
+        correct_acceleration(sim)
 
 
 def move(sim):
@@ -518,6 +527,11 @@ def move(sim):
     density.surface_normals(
         p.position, p.kind, w.asymmetry, w.surface, *sim.pairs.lists, sim.l0, s.radius, p.liquid, w.surface_normal
     )
+    beyond = None
+    if w.near_interface is not None:
+        beyond = w.near_interface.beyond
+        free = w.near_interface.index[~w.surface_normal[w.near_interface.index].any(axis=1)]
+        w.surface_normal[free] = w.near_interface.normal[free]
     shifting.move(
         p.position,
         p.velocity,
@@ -532,6 +546,7 @@ def move(sim):
         min(s.shifting * sim.activity, 0.2),
         sim.dt,
         p.liquid,
+        beyond,
     )
     sim.keep_inside()
 

@@ -171,7 +171,23 @@ def paper_gradient(position, pressure, first, other, l0, reach, n0, dimension, m
 
 @compiled
 def residual_damping(
-    position, velocity, kind, gradient, first, other, l0, reach, n0, base, slope, rows, out, fluid=None, share=None
+    position,
+    velocity,
+    kind,
+    gradient,
+    first,
+    other,
+    l0,
+    reach,
+    n0,
+    base,
+    slope,
+    rows,
+    out,
+    fluid=None,
+    share=None,
+    sheet=None,
+    normal=None,
 ):
     """Velocity change that damps what a linear field cannot explain.
 
@@ -199,6 +215,8 @@ def residual_damping(
         Filled for the rows.
     fluid, share
         As in `poisson_rows`: heavier particles change less.
+    sheet, normal
+        As in `interface.divergence`.
     """
     for i in range(rows):
         ax = ay = az = 0.0
@@ -221,6 +239,10 @@ def residual_damping(
             rx = velocity[j, 0] - velocity[i, 0] - (g[0] + h[0]) * dx - (g[1] + h[1]) * dy - (g[2] + h[2]) * dz
             ry = velocity[j, 1] - velocity[i, 1] - (g[3] + h[3]) * dx - (g[4] + h[4]) * dy - (g[5] + h[5]) * dz
             rz = velocity[j, 2] - velocity[i, 2] - (g[6] + h[6]) * dx - (g[7] + h[7]) * dy - (g[8] + h[8]) * dz
+            if sheet is not None and sheet[fluid[i], fluid[j]]:  # tangentially, liquids may slip
+                nx, ny, nz = normal[i, 0] - normal[j, 0], normal[i, 1] - normal[j, 1], normal[i, 2] - normal[j, 2]
+                along = (rx * nx + ry * ny + rz * nz) / (nx * nx + ny * ny + nz * nz + 1e-300)
+                rx, ry, rz = along * nx, along * ny, along * nz
             w *= min(base + slope * math.sqrt(rx * rx + ry * ry + rz * rz), 0.3)
             if fluid is not None:
                 w *= 2.0 * share[fluid[j], fluid[i]]

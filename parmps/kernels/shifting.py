@@ -8,7 +8,20 @@ from parmps.kernels.walls import wall_distance
 
 @compiled
 def move(
-    position, velocity, kind, asymmetry, surface, surface_normal, lean, gradient, l0, surface_lean, shift, dt, rows
+    position,
+    velocity,
+    kind,
+    asymmetry,
+    surface,
+    surface_normal,
+    lean,
+    gradient,
+    l0,
+    surface_lean,
+    shift,
+    dt,
+    rows,
+    beyond=None,
 ):
     """R += dt v + shift l0 F, tangential at the surface; surface particles move as the surface above them does.
 
@@ -38,6 +51,8 @@ def move(
     dt : float
         s.
     rows : int
+    beyond : None or (rows, 3) float64
+        As in `interface.normals`: particles beside another liquid move as the interface does.
     """
     for i in range(rows):
         if kind[i] != 0:
@@ -54,8 +69,9 @@ def move(
         py = dt * velocity[i, 1] + reach * sy
         pz = dt * velocity[i, 2] + reach * sz
         g = gradient[i]
-        if surface[i] != 0:
-            qx, qy, qz = lean[i, 0], lean[i, 1], lean[i, 2]
+        if surface[i] != 0 or (beyond is not None and beyond[i].any()):
+            q = lean[i] if surface[i] != 0 else beyond[i]
+            qx, qy, qz = q[0], q[1], q[2]
             size = math.sqrt(qx * qx + qy * qy + qz * qz) + 1e-300
             half = 0.5 * l0 * dt * min(size / surface_lean, 1.0) / size
             ex = half * (g[0] * qx + g[1] * qy + g[2] * qz)
