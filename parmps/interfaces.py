@@ -11,6 +11,8 @@ from parmps.kernels import density, interface
 
 OWN_FLOOR = 0.25
 """Least eigenvalue of the moment matrices over the own liquid alone; a flat interface leaves 1/2."""
+SHIFT_ACROSS = 0.05
+"""Share of the shifting that acts across an interface."""
 
 
 class Near:
@@ -29,6 +31,8 @@ class Near:
         Share of the own liquid in the neighbourhood; 1 away from interfaces.
     normal : (count, 3) float64
         Unit normals out of the own liquid; 0 away from interfaces.
+    steep : (count,) float64, 1/spacings
+        Slope of the fraction; 0 away from interfaces.
     beyond : (rows, 3) float64
         First moment of the neighbours in other liquids, in 1/spacings; 0 away from interfaces.
     divergence : (rows,) float64, 1/s
@@ -40,6 +44,7 @@ class Near:
         self.index = self._room[:0]
         self.fraction = np.ones(count)
         self.normal = np.zeros((count, 3))
+        self.steep = np.zeros(count)
         self.beyond = np.zeros((rows, 3))
         self.divergence = np.empty(rows)
 
@@ -54,6 +59,7 @@ class Near:
         self.index = self._room[:count]
         self.fraction[:] = 1.0
         self.normal[:] = 0.0
+        self.steep[:] = 0.0
         self.beyond[:] = 0.0
 
     @property
@@ -65,7 +71,8 @@ class Near:
 def label_walls(sim):
     """Find the liquid next to each wall particle."""
     p = sim.particles
-    interface.label_walls(p.position, *sim.pairs.lists, p.kind, p.liquid, p.rows, p.fluid)
+    nearest = sim.work.nearest
+    interface.label_walls(p.position, *sim.pairs.lists, p.kind, p.liquid, p.rows, p.fluid, nearest)
     sim.domain.exchange(p.fluid)
 
 
@@ -80,9 +87,38 @@ def find_interfaces(sim):
     sim.domain.exchange(near.fraction)
     lists, scale = reach[:2], reach[2:]
     interface.normals(
-        *common, near.fraction, near.index, *lists, w.inverse, *scale, near.normal, near.beyond
+        *common, near.fraction, near.index, *lists, w.inverse, *scale, near.normal, near.steep, near.beyond
     )
     sim.domain.exchange(near.normal)
+
+
+def find_curvature(sim):
+    """Curvature of the interfaces, which surface tension makes a jump of the pressure.
+
+    From a wider neighbourhood than that of the other operators, since it is a second derivative.
+    """
+    p, w, near = sim.particles, sim.work, sim.work.curved
+    sim.wide_pairs.find(p)
+    lists, scale = sim.wide_pairs.lists, (sim.l0, sim.scheme.volume_radius)
+    sheet = sim.liquids.sheet
+    near.reset(interface.find_near(*lists, p.kind, p.fluid, sheet, p.liquid, near.room))
+    common = (p.position, p.kind, p.fluid, sheet)
+    interface.own_fraction(*common, near.index, *lists, *scale, near.fraction)
+    sim.domain.exchange(near.fraction)
+    flat = density.lattice_matrix(p.rows)  # directions need no correction
+    interface.normals(
+        *common, near.fraction, near.index, *lists, flat, *scale, near.normal, near.steep, near.beyond
+    )
+    sim.domain.exchange(near.normal, near.steep)
+    raw = np.zeros(len(p))
+    interface.curvature(*common, near.normal, near.steep, near.index, *lists, *scale, sim.dimension, raw)
+    sim.domain.exchange(raw)
+    w.bend[:] = 0.0
+    interface.smooth_curvature(*common, raw, near.steep, near.index, *lists, *scale, w.bend)
+    sim.domain.exchange(w.bend)
+    walls = np.arange(p.liquid, p.rows)
+    w.bend[walls] = np.where(w.nearest[walls] >= 0, w.bend[w.nearest[walls]], 0.0)
+    sim.domain.exchange(w.bend)
 
 
 def correct_divergence(sim):
@@ -148,3 +184,15 @@ def correct_acceleration(sim):
     )
     density.invert(inverse, s.gradient_floor, sim.dimension, inverse)
     interface.solve_gradient(w.force, near.index, inverse, sums, p.acceleration)
+
+
+def limit_shifting(sim):
+    """Leave little of the asymmetry across an interface, along which particles are shifted.
+
+    Shifting the rows beside an interface as elsewhere slows and damps its waves; not at all, particles gather in
+    these rows and leave a gap between them.
+    """
+    w, near = sim.work, sim.work.near_interface
+    normal = near.normal[near.index]
+    across = np.einsum("ij,ij->i", w.asymmetry[near.index], normal)
+    w.asymmetry[near.index] -= ((1.0 - SHIFT_ACROSS) * across)[:, None] * normal

@@ -21,17 +21,20 @@ class Liquids:
     density : (liquids,) float64, kg/m3
     reference : float, kg/m3
         Density of the first, which the pressure equation is made with.
-    viscosity : float or (liquids, liquids) float64, m2/s
-        Kinematic viscosity; of several liquids, that of particle i in its interaction with j, 2 mu_i mu_j /
+    viscosity : (liquids, liquids) float64, m2/s
+        Kinematic viscosity of particle i in its interaction with j, 2 mu_i mu_j /
         ((mu_i + mu_j) rho_i) ([000] eqs. 13 and 14).
     viscous_rate : float, m2/s
         The greatest of them, which bounds the time step.
+    capillary_rate : float, m3/s2
+        The greatest sigma / (rho_1 + rho_2), which bounds the time step.
     volume : None or (liquids, liquids) float64
         Specific volume between particles of two liquids, 2 / (rho_i + rho_j), times the reference density.
     share : None or (liquids, liquids) float64
         Share rho_i / (rho_i + rho_j) of particle i in the mass of the pair.
     sheet : None or (liquids, liquids) bool
-        Whether the velocity jumps between two liquids: where their densities differ; None for nowhere.
+        Whether the velocity jumps between two liquids: where their densities differ
+        or surface tension acts; None for nowhere.
     tension : None or (liquids, liquids) float64, N/m
         Interfacial tension; None where all are zero.
     """
@@ -43,15 +46,18 @@ class Liquids:
         self.density = rho
         self.reference = float(rho[0])
         self.volume = self.share = self.tension = self.sheet = None
-        self.viscosity = float(nu[0])
+        self.capillary_rate = 0.0
         if self.several:
             total = rho[:, None] + rho
             self.volume = 2.0 * self.reference / total
             self.share = rho[:, None] / total
-            self.viscosity = harmonic(rho * nu) / rho[:, None]
             self.tension = _tension(job)
             sheet = rho[:, None] != rho
+            if self.tension is not None:
+                sheet |= self.tension > 0.0
+                self.capillary_rate = float(np.max(self.tension / total))
             self.sheet = sheet if sheet.any() else None
+        self.viscosity = harmonic(rho * nu) / rho[:, None]
         self.viscous_rate = float(np.max(self.viscosity))
 
 

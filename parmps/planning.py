@@ -90,7 +90,7 @@ def memory_estimate(job, counts, ranks):
     # Volume drift, which every run reports at its end, needs the wide lists even where the scheme does not.
     wide_pairs = liquid * lattice(dimension, scheme.volume_radius).neighbours
     entries = pairs + rows
-    per_row, per_particle = _work_bytes()
+    per_row, per_particle = _work_bytes(Liquids(job))
     return {
         "program": PROGRAM_BYTES,
         # the particles, and the copy of the last good state
@@ -102,10 +102,13 @@ def memory_estimate(job, counts, ranks):
     }
 
 
-def _work_bytes():
+def _work_bytes(liquids):
     """Bytes a row and a particle of the arrays that live for one step."""
-    none, row, particle = Work(0, 0), Work(1, 0), Work(0, 1)
-    size = [sum(array.nbytes for array in vars(work).values()) for work in (none, row, particle)]
+    size = []
+    for rows, count in ((0, 0), (1, 0), (0, 1)):
+        work = Work(rows, count, liquids)
+        arrays = [*vars(work).values(), *(vars(work.near_interface).values() if work.near_interface else ())]
+        size.append(sum(array.nbytes for array in arrays if isinstance(array, np.ndarray)))
     return size[1] - size[0], size[2] - size[0]
 
 

@@ -289,6 +289,16 @@ class InterfaceProbe(Kind):
     at: Columns = setting("position of the gauge: [x] in 2D, [x, y] in 3D", "m")
 
 
+class LiquidProbe(Kind):
+    """Volume, centre of mass and energy of one liquid, and its share that strayed into others."""
+
+    name: Name = setting("column name in probes.csv")
+    kind: Literal["liquid"] = setting(
+        "volume, centre of mass and energy of one liquid, and its share that strayed into others"
+    )
+    fluid: Name = setting("name of the fluid")
+
+
 class ForceProbe(Kind):
     """Force and moment of the liquid on the tank and on each baffle."""
 
@@ -296,7 +306,7 @@ class ForceProbe(Kind):
     kind: Literal["force"] = setting("force and moment on the tank and on each baffle")
 
 
-Probe = _union(PressureProbe, ElevationProbe, InterfaceProbe, ForceProbe)
+Probe = _union(PressureProbe, ElevationProbe, InterfaceProbe, LiquidProbe, ForceProbe)
 
 Every = Annotated[Number, Field(gt=0, le=1e6)]
 

@@ -30,6 +30,8 @@ SORT_EVERY = 400
 """Steps after which particles are sorted again for the sake of the caches."""
 STEADY_STEP = 0.25
 """Bound of the step by the body force f: dt <= 0.25 sqrt(l0 / f)."""
+CAPILLARY_STEP = math.sqrt(0.25 / math.pi)
+"""Bound of the step by surface tension: dt <= sqrt((rho_1 + rho_2) l0^3 / (4 pi sigma)) (Brackbill 1992)."""
 VISCOUS_STEP = 0.2
 """Bound of the step by viscosity: dt <= 0.2 l0^2 / nu."""
 
@@ -63,7 +65,7 @@ class Work:
         One row a particle, the halo included.
     """
 
-    def __init__(self, rows, count, interfaces=False):
+    def __init__(self, rows, count, liquids):
         for name, width in (("density", 1), ("source", 1), ("rhs", 1), ("smooth", 1)):
             setattr(self, name, np.zeros(rows * width))
         for name, width in (("lean", 3), ("matrix", 6), ("inverse", 6), ("full", 6)):
@@ -74,8 +76,10 @@ class Work:
             setattr(self, name, np.zeros((count, width)))
         self.surface = np.zeros(count, np.int8)
         self.near = np.zeros(count, np.int8)
-        self.bend = None
-        self.near_interface = Near(rows, count) if interfaces else None
+        self.nearest = np.empty(rows if liquids.several else 0, np.int32)
+        self.bend = None if liquids.tension is None else np.zeros(count)
+        self.near_interface = None if liquids.sheet is None else Near(rows, count)
+        self.curved = None if liquids.tension is None else Near(rows, count)
 
 
 class Simulation:
@@ -169,7 +173,7 @@ class Simulation:
         if len(p) != p.owned:
             p.resize(p.owned)
         self.domain.build_halo(p, self.halo_width)
-        self.work = Work(p.rows, len(p), self.liquids.sheet is not None)
+        self.work = Work(p.rows, len(p), self.liquids)
         self._blocks = None
         self.column = np.full(len(p), -1, np.int32)
         self.column[: p.rows] = self._first_row + np.arange(p.rows)
@@ -321,6 +325,8 @@ class Simulation:
             bounds.append(control.cfl * self.l0 / speed)
         if force > 0.0:
             bounds.append(STEADY_STEP * math.sqrt(self.l0 / force))
+        if self.liquids.capillary_rate > 0.0:
+            bounds.append(CAPILLARY_STEP * math.sqrt(self.l0**3 / self.liquids.capillary_rate))
         if "viscosity" in self.seconds:
             bounds.append(VISCOUS_STEP * self.l0**2 / self.liquids.viscous_rate)
         left = until - self.time

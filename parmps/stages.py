@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from parmps.components import floating_components
-from parmps.interfaces import correct_acceleration, correct_divergence, find_interfaces, label_walls
+from parmps.interfaces import correct_acceleration, correct_divergence, find_curvature, find_interfaces, label_walls, limit_shifting
 from parmps.kernels import density, gradient, poisson, shifting, velocity
 from parmps.liquids import Liquids
 from parmps.particles import DUMMY, FLUID, WALL
@@ -96,9 +96,16 @@ def make_plan(job, ranks):
     interfaces = when(
         Liquids(job).sheet is not None,
         "interfaces",
-        "velocity and pressure gradient jump between liquids of different density",
+        "velocity and pressure gradient jump between liquids",
         find_interfaces,
         "all liquids have one density" if several else "one liquid",
+    )
+    curvature = when(
+        Liquids(job).tension is not None,
+        "curvature",
+        "surface tension makes the pressure jump",
+        find_curvature,
+        "no surface tension",
     )
     contact = when(
         scheme.collision_distance > 0.0,
@@ -141,6 +148,7 @@ def make_plan(job, ranks):
             *walls,
             Stage("density", "moments of the neighbourhood and free surface", measure_density),
             *interfaces,
+            *curvature,
             *volume,
             Stage("body force", "gravity and the tank's motion, balanced in the pressure equation", predict),
             *viscosity,
@@ -530,8 +538,7 @@ def move(sim):
     beyond = None
     if w.near_interface is not None:
         beyond = w.near_interface.beyond
-        free = w.near_interface.index[~w.surface_normal[w.near_interface.index].any(axis=1)]
-        w.surface_normal[free] = w.near_interface.normal[free]
+        limit_shifting(sim)
     shifting.move(
         p.position,
         p.velocity,

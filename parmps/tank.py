@@ -213,14 +213,16 @@ def _fluid_at(job, geometry, position, row):
             bottom = top
         else:
             here = _in_region(geometry, fluid.region, position)
-        twice = here & (found >= 0)
+        # a region displaces layers; no two regions share a place
+        alike = [k for k in range(number) if (job.fluids[k].region is None) == (fluid.region is None)]
+        twice = here & np.isin(found, alike)
         if twice.any():
             at = position[np.argmax(twice)]
             other = job.fluids[found[np.argmax(twice)]].name
             raise InputError(
                 f"fluids[{number}]", f"overlaps '{other}': both have a particle at {_point(geometry, at)}"
             )
-        found[here] = number
+        found[here & (found < 0) if fluid.region is None else here] = number
     for box in geometry.boxes:
         near = FLUID_CLEARANCE[geometry.wall] - ROUNDING
         found[distance_to_box(position, box) < near * geometry.spacing] = -1
@@ -284,6 +286,8 @@ def _filled_volume(job, geometry, number, count):
     if geometry.dimension == 2:
         low[1], high[1] = -0.5, 0.5
     if fluid.region is None:
+        if any(other.region for other in job.fluids):  # they may displace a part of the layer
+            return count * geometry.spacing**geometry.dimension
         low[2] = sum(other.depth or 0.0 for other in job.fluids[:number])
         high[2] = low[2] + fluid.depth
         return _volume_outside(low, high, geometry.boxes)

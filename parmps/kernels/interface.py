@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from parmps.kernels.compiled import compiled
+from parmps.kernels.density import invert
 from parmps.kernels.weight import smooth_weight, weight
 
 
@@ -31,7 +32,7 @@ def pressure_jump(own, its, tension, own_bend, its_bend):
 
 
 @compiled
-def label_walls(position, first, other, kind, begin, end, fluid):
+def label_walls(position, first, other, kind, begin, end, fluid, nearest):
     """Give each wall particle the number of the liquid nearest to it.
 
     With one density on both ends, layers at rest have their exact pressure on the links to the wall, too.
@@ -46,9 +47,12 @@ def label_walls(position, first, other, kind, begin, end, fluid):
         Range of the wall particles.
     fluid : (n,) int8
         Number of each particle's liquid; filled for the range.
+    nearest : (rows,) int32
+        Filled for the range: the particle nearest to the wall particle, -1 for none.
     """
     for i in range(begin, end):
         least = math.inf
+        nearest[i] = -1
         for k in range(first[i], first[i + 1]):
             j = other[k]
             if kind[j] != 0:
@@ -60,6 +64,7 @@ def label_walls(position, first, other, kind, begin, end, fluid):
             if r2 < least:
                 least = r2
                 fluid[i] = fluid[j]
+                nearest[i] = j
 
 
 @compiled
@@ -131,7 +136,7 @@ def own_fraction(position, kind, fluid, sheet, near, first, other, l0, reach, ou
 
 
 @compiled
-def normals(position, kind, fluid, sheet, fraction, near, first, other, inverse, l0, reach, out, beyond):
+def normals(position, kind, fluid, sheet, fraction, near, first, other, inverse, l0, reach, out, steep, beyond):
     """Unit normals of the interface, out of each particle's own liquid, and the first moment of what lies beyond.
 
     Parameters
@@ -144,6 +149,8 @@ def normals(position, kind, fluid, sheet, fraction, near, first, other, inverse,
         Inverse moment matrices, as made by `invert`.
     out : (n, 3) float64
         Filled for those particles.
+    steep : (n,) float64, 1/spacings
+        Filled for those particles: slope of the fraction.
     beyond : (rows, 3) float64
         Filled for those particles: sum W (r_j - r_i) / r_ij^2 over the other liquids, in 1/spacings.
     """
@@ -179,6 +186,7 @@ def normals(position, kind, fluid, sheet, fraction, near, first, other, inverse,
         nz = m[2] * gx + m[4] * gy + m[5] * gz
         size = math.sqrt(nx * nx + ny * ny + nz * nz) + 1e-300
         out[i, 0], out[i, 1], out[i, 2] = nx / size, ny / size, nz / size
+        steep[i] = size
         beyond[i, 0], beyond[i, 1], beyond[i, 2] = qx, qy, qz
 
 
@@ -464,3 +472,96 @@ def solve_gradient(force, near, inverse, sums, out):
         out[i, 0] = force[i, 0] + m[0] * g[0] + m[1] * g[1] + m[2] * g[2]
         out[i, 1] = force[i, 1] + m[1] * g[0] + m[3] * g[1] + m[4] * g[2]
         out[i, 2] = force[i, 2] + m[2] * g[0] + m[4] * g[1] + m[5] * g[2]
+
+
+@compiled
+def curvature(position, kind, fluid, sheet, normal, steep, near, first, other, l0, reach, dimension, out):
+    """Curvature of the interface near each particle, div n with n out of its own liquid; positive where it is convex.
+
+    The divergence is a least-squares fit to the normals of the neighbours near the interface, those of other
+    liquids reversed, each with the steepness of the colour function as its weight: contours of the smoothed
+    colour stand for the interface ([000] eq. 18, in any dimension).
+
+    Parameters
+    ----------
+    position, kind, fluid, sheet, near, first, other, l0, reach
+        As in `own_fraction`.
+    normal : (n, 3) float64
+        As made by `normals`.
+    steep : (n,) float64
+        As made by `normals`; 0 away from interfaces.
+    dimension : int
+    out : (n,) float64, 1/m
+        Filled for those particles.
+    """
+    matrix, inverse = np.empty((1, 6)), np.empty((1, 6))
+    g = np.empty((3, 3))
+    d = np.empty(3)
+    for i in near:
+        matrix[:] = g[:] = 0.0
+        total = 0.0
+        for k in range(first[i], first[i + 1]):
+            j = other[k]
+            if kind[j] != 0 or steep[j] == 0.0:
+                continue
+            r2 = 0.0
+            for b in range(3):
+                d[b] = (position[j, b] - position[i, b]) / l0
+                r2 += d[b] * d[b]
+            if r2 >= reach * reach:
+                continue
+            s = steep[j] * weight(math.sqrt(r2), reach) / r2
+            turn = -1.0 if sheet[fluid[i], fluid[j]] else 1.0
+            total += s * r2
+            for b in range(3):
+                for c in range(3):
+                    g[b, c] += s * (turn * normal[j, b] - normal[i, b]) * d[c]
+            matrix[0, 0] += s * d[0] * d[0]
+            matrix[0, 1] += s * d[0] * d[1]
+            matrix[0, 2] += s * d[0] * d[2]
+            matrix[0, 3] += s * d[1] * d[1]
+            matrix[0, 4] += s * d[1] * d[2]
+            matrix[0, 5] += s * d[2] * d[2]
+        out[i] = 0.0
+        if total == 0.0:
+            continue
+        matrix *= dimension / total
+        g *= dimension / (total * l0)
+        invert(matrix, 0.2, dimension, inverse)
+        m = inverse[0]
+        out[i] = (
+            g[0, 0] * m[0] + g[0, 1] * m[1] + g[0, 2] * m[2]
+            + g[1, 0] * m[1] + g[1, 1] * m[3] + g[1, 2] * m[4]
+            + g[2, 0] * m[2] + g[2, 1] * m[4] + g[2, 2] * m[5]
+        )
+
+
+@compiled
+def smooth_curvature(position, kind, fluid, sheet, bend, steep, near, first, other, l0, reach, out):
+    """Mean of the curvature over the neighbourhood, weighted by the steepness of the colour function.
+
+    Parameters
+    ----------
+    position, kind, fluid, sheet, steep, near, first, other, l0, reach
+        As in `curvature`.
+    bend : (n,) float64, 1/m
+    out : (n,) float64, 1/m
+        Filled for those particles.
+    """
+    for i in near:
+        total = steep[i] * weight(0.0, reach)
+        value = total * bend[i]
+        for k in range(first[i], first[i + 1]):
+            j = other[k]
+            if kind[j] != 0:
+                continue
+            dx = (position[j, 0] - position[i, 0]) / l0
+            dy = (position[j, 1] - position[i, 1]) / l0
+            dz = (position[j, 2] - position[i, 2]) / l0
+            r2 = dx * dx + dy * dy + dz * dz
+            if r2 >= reach * reach:
+                continue
+            s = steep[j] * weight(math.sqrt(r2), reach)
+            total += s
+            value += -s * bend[j] if sheet[fluid[i], fluid[j]] else s * bend[j]
+        out[i] = value / (total + 1e-300)

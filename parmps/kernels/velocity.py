@@ -206,8 +206,8 @@ def add_viscosity(
     kind : (n,) int8
     normal, depth
         Of the walls, as in `reflect_at_walls`.
-    viscosity : float or (liquids, liquids) float64
-        Kinematic, m2/s; of several liquids, that of `Liquids`.
+    viscosity : (liquids, liquids) float64
+        Kinematic, m2/s, as in `Liquids`.
     first, other
         Neighbour lists.
     l0 : float
@@ -238,7 +238,7 @@ def add_viscosity(
                 continue
             w = scale * weight(math.sqrt(r2), reach)
             if fluid is None:
-                w *= viscosity
+                w *= viscosity[0, 0]
             elif kind[j] == 0:
                 w *= viscosity[fluid[i], fluid[j]]
             else:
