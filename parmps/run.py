@@ -92,7 +92,7 @@ class Run:
         self.frames = Schedule(out.particles_every, end)
         self.saves = Schedule(out.checkpoint_every, end)
         self._open_results(restart is not None)
-        self.wall = 0.0
+        self.wall = self.cpu = 0.0
         self.status = "running"
         self._good = self.simulation.snapshot()
 
@@ -237,7 +237,7 @@ class Run:
             self._greet()
             self.log.start(s.time, job.time.end)
         self.domain.barrier()
-        start = clock.perf_counter()
+        start, cpu = clock.perf_counter(), clock.process_time()
         try:
             self._loop()
             self.status = "done"
@@ -249,7 +249,7 @@ class Run:
             self.status = f"failed: {error}"
             raise
         finally:
-            self.wall = clock.perf_counter() - start
+            self.wall, self.cpu = clock.perf_counter() - start, clock.process_time() - cpu
         self._finish()
 
     def _loop(self):
@@ -335,6 +335,7 @@ class Run:
             "steps": s.step_number,
             "simulated_seconds": s.time,
             "wall_seconds": self.wall,
+            "cpu_seconds": domain.sum(self.cpu),
             "particles": {
                 "fluid": int(kinds[FLUID]),
                 "wall": int(kinds[1]),

@@ -1,0 +1,71 @@
+"""Lateral impacts in shallow sloshing against the repetitions of SPHERIC benchmark 10."""
+
+from pathlib import Path
+
+import numpy as np
+
+TITLE = "Lateral impact, SPHERIC 10"
+SPACINGS = (0.0066, 0.0033)
+VARIANTS = {
+    "water": [],
+    # sunflower oil, as the benchmark gives it; 0.8 of the first frequency
+    "oil": ["fluids[0].density=900", "fluids[0].kinematic_viscosity=5.0e-5", "motion[0].omega=4.0924", "time.end=8.0"],
+}
+RECORD = {
+    name: 100.0 * np.loadtxt(Path(__file__).with_name(f"{name}.txt"), skiprows=2) for name in ("water", "oil")
+}
+"""Pa, (repetitions, 4)."""
+TARGETS = {**{f"peak {n} [std]": 2.0 for n in range(1, 5)}, "period [%]": 2.0}
+
+
+def peaks(time, pressure, period):
+    """Time and height of the highest pressure around each of the first four impacts.
+
+    An impact is where the pressure, averaged over 20 ms, is highest in a period; the sensor is dry or nearly so
+    between them.
+    """
+    share = max(int(round(0.02 / (time[1] - time[0]))), 1)
+    smooth = np.convolve(pressure, np.full(share, 1.0 / share), "same")
+    first = int(np.argmax(smooth > 0.3 * smooth.max()))
+    found = []
+    for number in range(4):
+        middle = time[first] + number * period
+        part = np.flatnonzero(np.abs(time - middle) < 0.35 * period)
+        if len(part):
+            found.append(part[pressure[part].argmax()])
+    return time[found], pressure[found]
+
+
+def measure(results):
+    """Peaks in standard deviations of the repetitions from their means, and the time between impacts."""
+    variant = results.job.fluids[0].density > 950.0 and "water" or "oil"
+    record = RECORD[variant]
+    period = 2.0 * np.pi / results.job.motion[0].omega
+    time, height = peaks(results.time, results.probe("sensor"), period)
+    deviation = (height - record.mean(axis=0)[: len(height)]) / record.std(axis=0)[: len(height)]
+    found = {f"peak {n} [std]": value for n, value in enumerate(deviation, 1)}
+    found |= {f"peak {n} [kPa]": 1e-3 * value for n, value in enumerate(height, 1)}
+    found["period [%]"] = 100.0 * (np.diff(time).mean() / period - 1.0)
+    found["volume [%]"] = 100.0 * results.record["volume_drift"]
+    return found
+
+
+def plot(figure, runs):
+    """Pressure, with mean and two standard deviations of the peaks."""
+    panels = figure.subplots(len(VARIANTS), 1)
+    for panel, variant in zip(panels, VARIANTS, strict=True):
+        mine = {key: results for key, results in runs.items() if key[0] == variant}
+        for (_, preset, spacing), results in mine.items():
+            label = f"{preset}, {1e3 * spacing:g} mm"
+            panel.plot(results.time, 1e-3 * results.probe("sensor"), linewidth=0.7, label=label)
+        if mine:
+            (_, _, _), results = next(iter(mine.items()))
+            when, _ = peaks(results.time, results.probe("sensor"), 2.0 * np.pi / results.job.motion[0].omega)
+            record = 1e-3 * RECORD[variant]
+            style = {"fmt": "ks", "capsize": 4, "label": "experiment, 2 standard deviations"}
+            panel.errorbar(when, record.mean(axis=0)[: len(when)], 2.0 * record.std(axis=0)[: len(when)], **style)
+        panel.set_ylim(-0.5, 12.0 if variant == "water" else 2.0)
+        panel.set_ylabel(f"{variant}: pressure [kPa]")
+        panel.grid(alpha=0.3)
+        panel.legend(fontsize="small", loc="upper left")
+    panels[-1].set_xlabel("Time [s]")

@@ -1,0 +1,76 @@
+"""What a finished run left behind, for the measurements of the cases."""
+
+import json
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from parmps.loader import parse_job
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "postproc"))
+from plot_particles import FLUID, read_frame  # noqa: E402
+from plot_probes import read_signals  # noqa: E402
+
+
+class Results:
+    """Results of one run.
+
+    Parameters
+    ----------
+    directory : path-like
+
+    Attributes
+    ----------
+    record : dict
+        run.json.
+    job : parmps.scene.Job
+        As it was run.
+    time : (n,) float64, s
+        Of the probe samples.
+    """
+
+    def __init__(self, directory):
+        self.directory = Path(directory)
+        self.record = json.loads((self.directory / "run.json").read_text())
+        self._particles = self.directory / "particles.vtkhdf"
+        with h5py.File(self._particles) as file:
+            self.job = parse_job(file["parmps/attributes/job"].asstr()[()])
+            self.frames = file["VTKHDF/Steps/Values"][()]
+        self.time, signals = read_signals(self.directory / "probes.csv")
+        self._signals = {name: values for name, _, values in signals}
+
+    def probe(self, name):
+        """Signal of a probe: (n,) float64."""
+        return self._signals[name]
+
+    def probes(self, start):
+        """Signals of all probes whose name starts so, in the order of the job: (n, count) float64."""
+        return np.stack([values for name, values in self._signals.items() if name.startswith(start)], axis=1)
+
+    def liquid(self, time):
+        """Fields of the liquid in the frame nearest to a time: dict of (n, ...) arrays."""
+        arrays = read_frame(self._particles, time)[3]
+        chosen = arrays["type"] == FLUID
+        return {name: values[chosen] for name, values in arrays.items()}
+
+    def first_mode(self):
+        """First mode of the elevation in each frame, from the centre of the liquid: (frames,) float64, m.
+
+        The elevation sum a_n cos(n pi x / L) moves the centre by -2 L / (pi^2 h) sum a_n / n^2 over odd n. Without
+        any definition of the surface, it gives a_1 + a_3 / 9 + a_5 / 25 + ...
+        """
+        length, depth = self.job.tank.length, self.job.fluids[0].depth
+        centre = np.array([self.liquid(time)["position"][:, 0].mean() for time in self.frames])
+        return (length / 2.0 - centre) * np.pi**2 * depth / (2.0 * length)
+
+
+def rms(values):
+    """Root of the mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def read_reference(path):
+    """Read a table whose head is lines that begin with #: (rows, columns) float64."""
+    return np.loadtxt(path, delimiter=",", comments="#", ndmin=2)

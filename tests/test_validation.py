@@ -1,0 +1,103 @@
+"""The validation's references against each other, and its cheapest cases within bounds of theory."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from parmps.domain import Domain
+from parmps.loader import load_job
+from parmps.run import Run
+
+VALIDATION = Path(__file__).parents[1] / "jobs" / "validation"
+sys.path.insert(0, str(VALIDATION))
+
+import potential  # noqa: E402
+import run as validation  # noqa: E402
+from results import Results  # noqa: E402
+
+LENGTH, DEPTH, G = 1.0, 0.5, 9.8
+
+
+@pytest.fixture
+def measured(tmp_path):
+    """Run a case with some settings changed, and measure it."""
+
+    def measure(name, *overrides):
+        case = validation.load_case(name)
+        job = VALIDATION / name / "case.yaml"
+        state = validation.initial_state(case, load_job(job, overrides))
+        overrides = [*overrides, *validation.write_state(state, tmp_path)]
+        run = Run(load_job(job, overrides), Domain(), tmp_path / "run")
+        try:
+            run.go()
+        finally:
+            run.close()
+        return case.measure(Results(tmp_path / "run"))
+
+    return measure
+
+
+# References
+
+
+def test_spectral_method_solves_linear_theory():
+    amplitude, omega, phase = 0.01, 4.0, 0.7
+    time = np.linspace(0.0, 3.0, 61)
+    flow = potential.PotentialFlow(LENGTH, DEPTH, G, order=1)
+    flow.potential = -amplitude * omega * np.cos(phase) * (flow.x - LENGTH / 2.0)
+    modes = flow.run(time, 0.005, lambda t: -amplitude * omega**2 * np.sin(omega * t + phase))
+    theory = potential.surge_response(0.3, time, LENGTH, DEPTH, G, amplitude, omega, phase, modes=9)
+    np.testing.assert_allclose(flow.elevation(modes[:, :10], 0.3), theory, atol=1e-4 * np.abs(theory).max())
+
+
+def test_spectral_method_has_the_period_of_finite_amplitude_theory():
+    amplitude = 0.05
+    linear = potential.frequency(1, LENGTH, DEPTH, G)
+    wanted = potential.finite_amplitude_frequency(amplitude, LENGTH, DEPTH, G)
+    k = potential.wave_number(1, LENGTH)
+    flow = potential.PotentialFlow(LENGTH, DEPTH, G, order=3, modes=12)
+    flow.potential = amplitude * linear / k / np.tanh(k * DEPTH) * np.cos(k * flow.x)
+    time = np.linspace(0.0, 1.3, 261)
+    first = flow.run(time, 0.01)[:, 1]
+    crossings = validation.load_case("standing_wave").crossings(time, first)
+    assert len(crossings) == 1
+    assert wanted < 0.998 * linear
+    assert 2.0 * np.pi / crossings[-1] == pytest.approx(wanted, rel=3e-4)
+
+
+def test_decay_of_a_wave_in_a_deep_tank_is_that_of_its_end_walls():
+    # for k h -> infinity the bottom is still, and both ends together take sqrt(nu omega / 2) / L
+    nu = 1e-6
+    bulk, layers = potential.viscous_decay(1, 1.0, 5.0, G, nu)
+    omega = potential.frequency(1, 1.0, 5.0, G)
+    assert bulk == pytest.approx(2.0 * nu * np.pi**2)
+    assert layers == pytest.approx(np.sqrt(nu * omega / 2.0), rel=1e-6)
+
+
+def test_observed_order():
+    assert validation.observed_order([0.02, 0.01], [4.0, -1.0]) == pytest.approx(2.0)
+    assert validation.observed_order([0.02], [4.0]) is None
+
+
+# Cases
+
+
+def test_water_at_rest(measured):
+    found = measured("rest", "spacing=0.01", "time.end=1.5", "output.particles_every=0.25")
+    assert found["pressure [% of rho g h]"] < 0.3
+    assert found["speed [% of sqrt(g h)]"] < 0.1
+    assert abs(found["volume [%]"]) < 0.1
+
+
+def test_standing_wave(measured):
+    found = measured("standing_wave", "spacing=0.02", "time.end=1.2")
+    assert abs(found["amplitude [%]"]) < 4.0
+    assert abs(found["period [%]"]) < 0.6
+    assert abs(found["volume [%]"]) < 0.15
+
+
+def test_viscous_flow_between_plates(measured):
+    found = measured("spin_up", "spacing=0.005", "time.end=0.1", "output.particles_every=0.1")
+    assert found["early [%]"] < 5.0
