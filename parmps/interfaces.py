@@ -76,6 +76,21 @@ def label_walls(sim):
     sim.domain.exchange(p.fluid)
 
 
+def share_with_walls(sim, values):
+    """Give wall particles the value of the liquid next to them, and all values to neighbouring ranks.
+
+    Parameters
+    ----------
+    sim : Simulation
+    values : (n,) float64
+    """
+    nearest = sim.work.nearest[sim.particles.liquid : sim.particles.rows]
+    sim.domain.exchange(values)
+    wet = np.flatnonzero(nearest >= 0)
+    values[sim.particles.liquid + wet] = values[nearest[wet]]
+    sim.domain.exchange(values)
+
+
 def find_interfaces(sim):
     """Find the particles near interfaces, and the interfaces' normals."""
     p, w, near = sim.particles, sim.work, sim.work.near_interface
@@ -84,7 +99,7 @@ def find_interfaces(sim):
     common = (p.position, p.kind, p.fluid, sheet)
     reach = (*sim.pairs.lists, sim.l0, sim.scheme.radius)
     interface.own_fraction(*common, near.index, *reach, near.fraction)
-    sim.domain.exchange(near.fraction)
+    share_with_walls(sim, near.fraction)
     lists, scale = reach[:2], reach[2:]
     interface.normals(
         *common, near.fraction, near.index, *lists, w.inverse, *scale, near.normal, near.steep, near.beyond
@@ -104,7 +119,7 @@ def find_curvature(sim):
     near.reset(interface.find_near(*lists, p.kind, p.fluid, sheet, p.liquid, near.room))
     common = (p.position, p.kind, p.fluid, sheet)
     interface.own_fraction(*common, near.index, *lists, *scale, near.fraction)
-    sim.domain.exchange(near.fraction)
+    share_with_walls(sim, near.fraction)
     flat = density.lattice_matrix(p.rows)  # directions need no correction
     interface.normals(
         *common, near.fraction, near.index, *lists, flat, *scale, near.normal, near.steep, near.beyond
@@ -115,10 +130,7 @@ def find_curvature(sim):
     sim.domain.exchange(raw)
     w.bend[:] = 0.0
     interface.smooth_curvature(*common, raw, near.steep, near.index, *lists, *scale, w.bend)
-    sim.domain.exchange(w.bend)
-    walls = np.arange(p.liquid, p.rows)
-    w.bend[walls] = np.where(w.nearest[walls] >= 0, w.bend[w.nearest[walls]], 0.0)
-    sim.domain.exchange(w.bend)
+    share_with_walls(sim, w.bend)
 
 
 def correct_divergence(sim):

@@ -13,7 +13,14 @@ from typing import NamedTuple
 import numpy as np
 
 from parmps.components import floating_components
-from parmps.interfaces import correct_acceleration, correct_divergence, find_curvature, find_interfaces, label_walls, limit_shifting
+from parmps.interfaces import (
+    correct_acceleration,
+    correct_divergence,
+    find_curvature,
+    find_interfaces,
+    label_walls,
+    limit_shifting,
+)
 from parmps.kernels import density, gradient, poisson, shifting, velocity
 from parmps.liquids import Liquids
 from parmps.particles import DUMMY, FLUID, WALL

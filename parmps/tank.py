@@ -79,6 +79,10 @@ def require_supported(job):
     ------
     InputError
     """
+    if len(job.fluids) > 1 and job.scheme.position == "moved":
+        raise InputError("scheme.position", "got 'moved', not yet supported with several fluids; use start")
+    if len(job.fluids) > 1 and job.scheme.gradient != "corrected":
+        raise InputError("scheme.gradient", "must be corrected with several fluids; others are not yet supported")
     if job.tank.shape != "box":
         raise InputError("tank.shape", f"got '{job.tank.shape}', not yet supported; use box")
 
@@ -490,7 +494,7 @@ def standing_wave(job):
     k = initial.mode * np.pi / job.tank.length
     omega2, shape = waves.modes(waves.layers_of(job), k)
     if initial.branch > len(omega2):
-        raise InputError("initial.branch", f"got {initial.branch}, must be at most {len(omega2)}, one a moving boundary")
+        raise InputError("initial.branch", f"got {initial.branch}, must be at most {len(omega2)}: a moving boundary each")
     at = initial.branch - 1
     if omega2[at] <= 0.0:
         raise InputError("initial.kind", "a standing wave needs layers that are stable: the heavier ones below")

@@ -437,8 +437,8 @@ def test_viscosity(dimension, noise):
     n, nu, dt, before = c.p.liquid, 1e-3, 2e-3, c.rng.normal(size=(len(c.p), 3))
     out = before.copy()
     velocity.add_viscosity(
-        c.p.position, c.vector, c.p.kind, c.p.normal, c.p.depth, nu, *c.lists, c.l0, REACH, c.lat.density,
-        c.lat.lam, dimension, dt, n, out,
+        c.p.position, c.vector, c.p.kind, c.p.normal, c.p.depth, np.full((1, 1), nu), *c.lists, c.l0, REACH,
+        c.lat.density, c.lat.lam, dimension, dt, n, out,
     )  # fmt: skip
     w = np.where(c.p.kind == 2, 0.0, c.w)[:n]
     wall = c.p.kind == WALL

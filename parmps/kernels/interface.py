@@ -144,7 +144,7 @@ def normals(position, kind, fluid, sheet, fraction, near, first, other, inverse,
     position, kind, fluid, sheet, near, first, other, l0, reach
         As in `own_fraction`.
     fraction : (n,) float64
-        As made there; 1 away from interfaces.
+        As made there, for walls that of the liquid next to them; 1 away from interfaces.
     inverse : (rows, 6) float64
         Inverse moment matrices, as made by `invert`.
     out : (n, 3) float64
@@ -167,11 +167,9 @@ def normals(position, kind, fluid, sheet, fraction, near, first, other, inverse,
             if r2 >= reach * reach:
                 continue
             s = weight(math.sqrt(r2), reach) / r2
-            c = fraction[i]  # a wall knows no better
-            if kind[j] == 0:
-                c = fraction[j]
-                if sheet[fluid[i], fluid[j]]:
-                    c = 1.0 - c
+            c = fraction[j]
+            if sheet[fluid[i], fluid[j]]:
+                c = 1.0 - c
             if kind[j] == 0 and sheet[fluid[i], fluid[j]]:
                 qx += s * dx
                 qy += s * dy

@@ -69,10 +69,13 @@ def move(
         py = dt * velocity[i, 1] + reach * sy
         pz = dt * velocity[i, 2] + reach * sz
         g = gradient[i]
-        if surface[i] != 0 or (beyond is not None and beyond[i].any()):
-            q = lean[i] if surface[i] != 0 else beyond[i]
-            qx, qy, qz = q[0], q[1], q[2]
-            size = math.sqrt(qx * qx + qy * qy + qz * qz) + 1e-300
+        qx = qy = qz = 0.0
+        if surface[i] != 0:
+            qx, qy, qz = lean[i, 0], lean[i, 1], lean[i, 2]
+        elif beyond is not None:
+            qx, qy, qz = beyond[i, 0], beyond[i, 1], beyond[i, 2]
+        size = math.sqrt(qx * qx + qy * qy + qz * qz)
+        if size > 0.0:
             half = 0.5 * l0 * dt * min(size / surface_lean, 1.0) / size
             ex = half * (g[0] * qx + g[1] * qy + g[2] * qz)
             ey = half * (g[3] * qx + g[4] * qy + g[5] * qz)
