@@ -209,8 +209,9 @@ def _initial_speed(job):
         bottom, layer = top - layers.depth, np.arange(len(top))
         speed = initial.amplitude * omega * shape
         # greatest at a boundary of a layer, at the wall or between two
-        at = [waves.velocity(layers, k, speed, np.full(len(z), x), z, layer) for x in (0.0, 0.5 * math.pi / k) for z in (bottom, top)]
-        return float(np.abs(at).max())
+        x = np.repeat([0.0, 0.5 * math.pi / k], 2 * len(top))
+        z, layer = np.tile(np.concatenate([bottom, top]), 2), np.tile(layer, 4)
+        return float(np.abs(waves.velocity(layers, k, speed, x, z, layer)).max())
     return 0.0
 
 

@@ -231,6 +231,20 @@ class Simulation:
 
     # What the stages use
 
+    def packing(self):
+        """Number density that the liquid should have, over that of the lattice.
+
+        Layers whose depths are no multiples of the spacing begin with lattices that are stretched to fit.
+
+        Returns
+        -------
+        float or (liquid,) float64
+        """
+        if self.fluid is None:
+            return 1.0
+        volume = self.particle_mass / self.liquids.density
+        return (self.l0**self.dimension / volume)[self.fluid[: self.particles.liquid]]
+
     @property
     def fluid(self):
         """Number of each particle's liquid, or None where there is one liquid: (n,) int8."""
@@ -408,7 +422,7 @@ class Simulation:
         kinds, count = placement.fluid[liquid], len(self.liquids.density)
         sums = [np.bincount(kinds, placement.volume[liquid], count), np.bincount(kinds, minlength=count)]
         volume, number = self.domain.sum(np.array(sums, dtype=float))
-        return self.liquids.density * volume / np.maximum(number, 1.0)
+        return self.liquids.density * np.where(number > 0.0, volume / np.maximum(number, 1.0), self.l0**self.dimension)
 
     def mass_sum(self, values):
         """Sum of a value times the mass over this rank's liquid.

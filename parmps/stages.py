@@ -280,7 +280,8 @@ def smooth_density(sim):
         source = near.copy()
         sim.domain.exchange(source)
         density.spread(source, *sim.pairs.lists, p.liquid, near)
-    return w.smooth[: p.liquid] / sim.wide_lattice.smooth_density, near[: p.liquid] == 0
+    full = sim.wide_lattice.smooth_density * sim.packing()
+    return w.smooth[: p.liquid] / full, near[: p.liquid] == 0
 
 
 # Explicit part
@@ -412,6 +413,7 @@ def measure_divergence(sim):
         return
     if s.volume_time is not None:
         trace = trace - p.compression[:rows] / s.volume_time
+    over = over / sim.packing()
     share = min(s.separation * (sim.grid_number + sim.courant), 0.2)
     trace = trace - share * np.maximum(over - s.overdensity, 0.0) / sim.dt
     w.source[:rows] = trace / sim.dt

@@ -494,7 +494,8 @@ def standing_wave(job):
     k = initial.mode * np.pi / job.tank.length
     omega2, shape = waves.modes(waves.layers_of(job), k)
     if initial.branch > len(omega2):
-        raise InputError("initial.branch", f"got {initial.branch}, must be at most {len(omega2)}: a moving boundary each")
+        most = len(omega2)
+        raise InputError("initial.branch", f"got {initial.branch}, must be at most {most}, the boundaries that move")
     at = initial.branch - 1
     if omega2[at] <= 0.0:
         raise InputError("initial.kind", "a standing wave needs layers that are stable: the heavier ones below")
