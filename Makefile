@@ -11,7 +11,7 @@ export OPENBLAS_NUM_THREADS := 1
 export OMPI_ALLOW_RUN_AS_ROOT := 1
 export OMPI_ALLOW_RUN_AS_ROOT_CONFIRM := 1
 
-.PHONY: help setup setup-test run test lint bench validate
+.PHONY: help setup setup-test run test lint bench validate trade
 
 help:
 	@echo "make run        run jobs/sloshing.yaml on 2 ranks"
@@ -19,6 +19,7 @@ help:
 	@echo "make lint       check the code's style"
 	@echo "make bench      measure the speed (jobs/benchmarks)"
 	@echo "make validate   compare with experiments and theory (jobs/validation)"
+	@echo "make trade      measure what accuracy costs, by setting (jobs/validation/trade.*)"
 	@echo "make setup      only set up; every other target does so when needed"
 
 setup:
@@ -41,3 +42,7 @@ bench: setup
 
 validate: setup
 	$(python) jobs/validation/run.py
+
+trade: setup
+	$(python) jobs/validation/trade.py
+	$(python) postproc/trade.py jobs/validation/trade.csv

@@ -290,8 +290,8 @@ def smooth_density(sim):
 def predict(sim):
     """Intermediate velocity v* = v + dt (f - a), with a the predicted acceleration by the pressure.
 
-    a is what the pressure equation balances link by link: the last pressure gradient over rho where the flow
-    is smooth, the body force where it is not. The nearer it is to the coming one, the less the splitting of
+    a is what the pressure equation balances link by link: the pressure gradient over rho of the last steps where
+    the flow is smooth, the body force where it is not. The nearer it is to the coming one, the less the splitting of
     the pressure equation (Laplacian against divergence of the gradient) is felt.
     """
     p, w = sim.particles, sim.work
@@ -493,6 +493,9 @@ def accelerate(sim):
         + w.change[liquid]
         + sim.dt * (w.link_force[liquid] - p.acceleration[liquid])
     )
+    # The next prediction is the mean of this one and what came of it: with the latter alone, rows next to a ragged
+    # surface would answer too strong a prediction with too weak a pressure, and swing with every step.
+    p.acceleration[liquid] = 0.5 * (p.acceleration[liquid] + w.link_force[liquid])
     sim.count_work()
 
 
@@ -559,7 +562,7 @@ def move(sim):
         w.gradient,
         sim.l0,
         sim.surface_lean,
-        min(s.shifting * sim.activity, 0.2),
+        min(s.shifting * (sim.grid_number + sim.courant), 0.2),
         sim.dt,
         p.liquid,
         beyond,

@@ -105,3 +105,16 @@ def test_particles_without_a_frame_give_one_message(tmp_path):
     done = plot("plot_particles", tmp_path)
     assert done.returncode == 2
     assert done.stderr == f"plot_particles: {tmp_path / 'particles.vtkhdf'} has no frame yet\n"
+
+
+def test_trade_draws_the_pareto_front(tmp_path):
+    rows = ["scene,setting,error [%],CPU time [s]", "wave,coarse,8,1", "wave,fine,1,10", "wave,poor,9,5"]
+    (tmp_path / "trade.csv").write_text("\n".join([*rows, "wave,broken,diverged at t = 1 s,"]) + "\n")
+    done = plot("trade", tmp_path / "trade.csv")
+    assert done.returncode == 0, done.stderr
+    table = (tmp_path / "trade.md").read_text()
+    assert "| coarse | 8.00 | 1.0 | front |" in table
+    assert "| fine | 1.00 | 10.0 | front |" in table
+    assert "| poor | 9.00 | 5.0 |  |" in table
+    assert "diverged at t = 1 s" in table
+    assert (tmp_path / "trade.png").stat().st_size > 5000

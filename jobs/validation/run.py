@@ -1,6 +1,7 @@
 """Validation: run the cases, measure their errors, write a report (``make validate``).
 
 usage: python jobs/validation/run.py [CASE ...] [--preset P ...] [--spacing S ...] [--variant V ...] [--quick]
+           [--report]
 
 A case is a directory with ``case.yaml``, the job; ``README.md``; reference data if there are any; and ``case.py``:
 
@@ -119,14 +120,17 @@ class Kept:
     variant, preset : str
     spacing : float
         m.
+    change : str, optional
+        One more setting, as for ``--set``.
     """
 
-    def __init__(self, name, case, variant, preset, spacing):
+    def __init__(self, name, case, variant, preset, spacing, change=""):
         self.name, self.case = name, case
-        self.variant, self.preset, self.spacing = variant, preset, spacing
-        self.directory = OUT / name / "-".join(filter(None, [variant, preset, f"{spacing:g}"]))
+        self.variant, self.preset, self.spacing, self.change = variant, preset, spacing, change
+        self.directory = OUT / name / "-".join(filter(None, [variant, preset, f"{spacing:g}", change]))
         self.job = HERE / name / "case.yaml"
         self.overrides = [f"spacing={spacing:g}", f"scheme.preset={preset}", *variants(case)[variant]]
+        self.overrides += [change] if change else []
         self.state = initial_state(case, load_job(self.job, self.overrides))
         sources = [self.job.read_bytes(), repr(self.overrides).encode(), *(array.tobytes() for array in self.state)]
         self.key = hashlib.sha256(b"".join([code_key().encode(), *sources])).hexdigest()
@@ -297,7 +301,7 @@ def run_case(name, options):
             and run.spacing in (options.spacing or case.SPACINGS[: 1 if options.quick else None])
             and run.variant in (options.variant or variants(case))
         )
-        if wanted and run.status is None:
+        if wanted and run.status is None and not options.report:
             run.run(options.limit)
     runs = [run for run in runs if run.status]
     finished = {run: Results(run.directory) for run in runs if run.status == "done"}
@@ -327,6 +331,7 @@ def main():
     parser.add_argument("--spacing", action="append", type=float, help="of those of the cases; all by default")
     parser.add_argument("--variant", action="append", help="of those of the cases; all by default")
     parser.add_argument("--quick", action="store_true", help="only the coarsest spacing")
+    parser.add_argument("--report", action="store_true", help="run nothing, only report the runs that are kept")
     parser.add_argument("--limit", type=float, default=3600.0, help="seconds a run may take")
     options = parser.parse_args()
     unknown = set(options.cases) - set(names)

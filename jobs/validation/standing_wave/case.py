@@ -4,6 +4,7 @@ import functools
 
 import numpy as np
 from potential import PotentialFlow, finite_amplitude_frequency, frequency, viscous_decay, wave_number
+from results import rms
 from scipy.optimize import curve_fit
 
 TITLE = "Standing wave"
@@ -61,9 +62,8 @@ def measure(results):
     decay = np.exp(-bulk * (np.arange(periods) + 0.5) * 2.0 * np.pi / omega)
     modes = reference(job, float(time[-1]), len(time))
     odd = np.arange(1, modes.shape[1], 2)
-    wanted = amplitudes(time, modes[:, odd] @ (1.0 / odd**2), omega, periods) * decay
-    signal = results.first_mode()
-    error = amplitudes(time, signal, omega, periods) / wanted - 1.0
+    exact, signal = modes[:, odd] @ (1.0 / odd**2) * np.exp(-bulk * time), results.first_mode()
+    error = amplitudes(time, signal, omega, periods) / amplitudes(time, exact, omega, periods) - 1.0
     fine = reference(job, float(results.time[-1]), len(results.time))[:, 1]
     elevations = results.probes("eta") - depth
     gauged = amplitudes(results.time, mode(elevations), omega, periods)
@@ -72,6 +72,7 @@ def measure(results):
     return {
         "amplitude [%]": 100.0 * error[np.abs(error).argmax()],
         "last amplitude [%]": 100.0 * error[-1],
+        "centre [%]": 100.0 * rms(signal - exact) / rms(exact),
         "by gauges [%]": 100.0 * (gauged[np.abs(gauged - 1.0).argmax()] - 1.0),
         "period [%]": 100.0 * ((zeros[-1] - zeros[0]) / (len(zeros) - 1) * omega / (2.0 * np.pi) - 1.0),
         "volume [%]": 100.0 * results.record["volume_drift"],
