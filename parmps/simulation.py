@@ -243,7 +243,9 @@ class Simulation:
         if self.fluid is None:
             return 1.0
         volume = self.particle_mass / self.liquids.density
-        return (self.l0**self.dimension / volume)[self.fluid[: self.particles.liquid]]
+        layered = np.array([fluid.region is None for fluid in self.job.fluids])
+        packing = np.where(layered, self.l0**self.dimension / volume, 1.0)
+        return packing[self.fluid[: self.particles.liquid]]
 
     @property
     def fluid(self):

@@ -156,8 +156,9 @@ def test_viscous_forces_of_two_layers_in_a_channel(start, ratio):
 
 def test_curvature_of_a_disc(start):
     text = (
-        "dimension: 2\nspacing: 0.02\ngravity: 0\ntank: {size: [1.0, 1.0]}\ntime: {end: 1.0, max_step: 1.0e-3}\n"
-        "fluids: [{name: drop, region: {disc: {centre: [0.5, 0.5], radius: 0.3}}}, {name: bath, depth: 1.0}]\n"
+        "dimension: 2\nspacing: 0.025\ngravity: 0\ntank: {size: [1.0, 1.0]}\ntime: {end: 1.0, max_step: 0.01}\n"
+        "fluids: [{name: drop, region: {disc: {centre: [0.5, 0.5], radius: 0.3}}, kinematic_viscosity: 0.01},"
+        " {name: bath, depth: 1.0, kinematic_viscosity: 0.01}]\n"
         "interfaces: [{between: [drop, bath], surface_tension: 1.0}]\n"
     )
     sim = start(text)
