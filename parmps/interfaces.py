@@ -13,6 +13,8 @@ OWN_FLOOR = 0.25
 """Least eigenvalue of the moment matrices over the own liquid alone; a flat interface leaves 1/2."""
 SHIFT_ACROSS = 0.05
 """Share of the shifting that acts across an interface."""
+UNCERTAIN = 0.02
+"""Slope of the fraction, per spacing, below which a normal says little; the second row has 0.1."""
 
 
 class Near:
@@ -29,10 +31,8 @@ class Near:
         The particles.
     fraction : (count,) float64
         Share of the own liquid in the neighbourhood; 1 away from interfaces.
-    normal : (count, 3) float64
-        Unit normals out of the own liquid; 0 away from interfaces.
-    steep : (count,) float64, 1/spacings
-        Slope of the fraction; 0 away from interfaces.
+    normal : (count, 3) float64, 1/spacings
+        Normals out of the own liquid, as long as the fraction is steep; 0 away from interfaces.
     beyond : (rows, 3) float64
         First moment of the neighbours in other liquids, in 1/spacings; 0 away from interfaces.
     divergence : (rows,) float64, 1/s
@@ -44,7 +44,6 @@ class Near:
         self.index = self._room[:0]
         self.fraction = np.ones(count)
         self.normal = np.zeros((count, 3))
-        self.steep = np.zeros(count)
         self.beyond = np.zeros((rows, 3))
         self.divergence = np.empty(rows)
 
@@ -59,7 +58,6 @@ class Near:
         self.index = self._room[:count]
         self.fraction[:] = 1.0
         self.normal[:] = 0.0
-        self.steep[:] = 0.0
         self.beyond[:] = 0.0
 
     @property
@@ -102,7 +100,7 @@ def find_interfaces(sim):
     share_with_walls(sim, near.fraction)
     lists, scale = reach[:2], reach[2:]
     interface.normals(
-        *common, near.fraction, near.index, *lists, w.inverse, *scale, near.normal, near.steep, near.beyond
+        *common, near.fraction, near.index, *lists, w.inverse, *scale, near.normal, near.beyond
     )
     sim.domain.exchange(near.normal)
 
@@ -122,14 +120,14 @@ def find_curvature(sim):
     share_with_walls(sim, near.fraction)
     flat = density.lattice_matrix(p.rows)  # directions need no correction
     interface.normals(
-        *common, near.fraction, near.index, *lists, flat, *scale, near.normal, near.steep, near.beyond
+        *common, near.fraction, near.index, *lists, flat, *scale, near.normal, near.beyond
     )
-    sim.domain.exchange(near.normal, near.steep)
+    sim.domain.exchange(near.normal)
     raw = np.zeros(len(p))
-    interface.curvature(*common, near.normal, near.steep, near.index, *lists, *scale, sim.dimension, raw)
+    interface.curvature(*common, near.normal, near.index, *lists, *scale, sim.dimension, raw)
     sim.domain.exchange(raw)
     w.bend[:] = 0.0
-    interface.smooth_curvature(*common, raw, near.steep, near.index, *lists, *scale, w.bend)
+    interface.smooth_curvature(*common, raw, near.normal, near.index, *lists, *scale, w.bend)
     share_with_walls(sim, w.bend)
 
 
@@ -206,5 +204,6 @@ def limit_shifting(sim):
     """
     w, near = sim.work, sim.work.near_interface
     normal = near.normal[near.index]
-    across = np.einsum("ij,ij->i", w.asymmetry[near.index], normal)
+    steep2 = np.einsum("ij,ij->i", normal, normal)
+    across = np.einsum("ij,ij->i", w.asymmetry[near.index], normal) / np.maximum(steep2, UNCERTAIN**2)
     w.asymmetry[near.index] -= ((1.0 - SHIFT_ACROSS) * across)[:, None] * normal

@@ -136,8 +136,11 @@ def own_fraction(position, kind, fluid, sheet, near, first, other, l0, reach, ou
 
 
 @compiled
-def normals(position, kind, fluid, sheet, fraction, near, first, other, inverse, l0, reach, out, steep, beyond):
-    """Unit normals of the interface, out of each particle's own liquid, and the first moment of what lies beyond.
+def normals(position, kind, fluid, sheet, fraction, near, first, other, inverse, l0, reach, out, beyond):
+    """Normals of the interface, out of each particle's own liquid, and the first moment of what lies beyond.
+
+    They are as long as the fraction of the own liquid is steep: short where they are not certain, as in the middle
+    of a thin layer.
 
     Parameters
     ----------
@@ -147,10 +150,8 @@ def normals(position, kind, fluid, sheet, fraction, near, first, other, inverse,
         As made there, for walls that of the liquid next to them; 1 away from interfaces.
     inverse : (rows, 6) float64
         Inverse moment matrices, as made by `invert`.
-    out : (n, 3) float64
+    out : (n, 3) float64, 1/spacings
         Filled for those particles.
-    steep : (n,) float64, 1/spacings
-        Filled for those particles: slope of the fraction.
     beyond : (rows, 3) float64
         Filled for those particles: sum W (r_j - r_i) / r_ij^2 over the other liquids, in 1/spacings.
     """
@@ -182,9 +183,7 @@ def normals(position, kind, fluid, sheet, fraction, near, first, other, inverse,
         nx = m[0] * gx + m[1] * gy + m[2] * gz
         ny = m[1] * gx + m[3] * gy + m[4] * gz
         nz = m[2] * gx + m[4] * gy + m[5] * gz
-        size = math.sqrt(nx * nx + ny * ny + nz * nz) + 1e-300
-        out[i, 0], out[i, 1], out[i, 2] = nx / size, ny / size, nz / size
-        steep[i] = size
+        out[i, 0], out[i, 1], out[i, 2] = nx, ny, nz
         beyond[i, 0], beyond[i, 1], beyond[i, 2] = qx, qy, qz
 
 
@@ -473,10 +472,10 @@ def solve_gradient(force, near, inverse, sums, out):
 
 
 @compiled
-def curvature(position, kind, fluid, sheet, normal, steep, near, first, other, l0, reach, dimension, out):
+def curvature(position, kind, fluid, sheet, normal, near, first, other, l0, reach, dimension, out):
     """Curvature of the interface near each particle, div n with n out of its own liquid; positive where it is convex.
 
-    The divergence is a least-squares fit to the normals of the neighbours near the interface, those of other
+    The divergence of the unit normal is a least-squares fit to the neighbours near the interface, those of other
     liquids reversed, each with the steepness of the colour function as its weight: contours of the smoothed
     colour stand for the interface ([000] eq. 18, in any dimension).
 
@@ -485,8 +484,6 @@ def curvature(position, kind, fluid, sheet, normal, steep, near, first, other, l
     position, kind, fluid, sheet, near, first, other, l0, reach
         As in `own_fraction`.
     normal : (n, 3) float64
-        As made by `normals`.
-    steep : (n,) float64
         As made by `normals`; 0 away from interfaces.
     dimension : int
     out : (n,) float64, 1/m
@@ -494,13 +491,19 @@ def curvature(position, kind, fluid, sheet, normal, steep, near, first, other, l
     """
     matrix, inverse = np.empty((1, 6)), np.empty((1, 6))
     g = np.empty((3, 3))
-    d = np.empty(3)
+    d, own = np.empty(3), np.empty(3)
     for i in near:
         matrix[:] = g[:] = 0.0
         total = 0.0
+        steep = math.sqrt(normal[i, 0] ** 2 + normal[i, 1] ** 2 + normal[i, 2] ** 2) + 1e-300
+        for b in range(3):
+            own[b] = normal[i, b] / steep
         for k in range(first[i], first[i + 1]):
             j = other[k]
-            if kind[j] != 0 or steep[j] == 0.0:
+            if kind[j] != 0:
+                continue
+            steep = math.sqrt(normal[j, 0] ** 2 + normal[j, 1] ** 2 + normal[j, 2] ** 2)
+            if steep == 0.0:
                 continue
             r2 = 0.0
             for b in range(3):
@@ -508,12 +511,12 @@ def curvature(position, kind, fluid, sheet, normal, steep, near, first, other, l
                 r2 += d[b] * d[b]
             if r2 >= reach * reach:
                 continue
-            s = steep[j] * weight(math.sqrt(r2), reach) / r2
-            turn = -1.0 if sheet[fluid[i], fluid[j]] else 1.0
+            s = steep * weight(math.sqrt(r2), reach) / r2
+            turn = (-1.0 if sheet[fluid[i], fluid[j]] else 1.0) / steep
             total += s * r2
             for b in range(3):
                 for c in range(3):
-                    g[b, c] += s * (turn * normal[j, b] - normal[i, b]) * d[c]
+                    g[b, c] += s * (turn * normal[j, b] - own[b]) * d[c]
             matrix[0, 0] += s * d[0] * d[0]
             matrix[0, 1] += s * d[0] * d[1]
             matrix[0, 2] += s * d[0] * d[2]
@@ -535,19 +538,19 @@ def curvature(position, kind, fluid, sheet, normal, steep, near, first, other, l
 
 
 @compiled
-def smooth_curvature(position, kind, fluid, sheet, bend, steep, near, first, other, l0, reach, out):
+def smooth_curvature(position, kind, fluid, sheet, bend, normal, near, first, other, l0, reach, out):
     """Mean of the curvature over the neighbourhood, weighted by the steepness of the colour function.
 
     Parameters
     ----------
-    position, kind, fluid, sheet, steep, near, first, other, l0, reach
+    position, kind, fluid, sheet, normal, near, first, other, l0, reach
         As in `curvature`.
     bend : (n,) float64, 1/m
     out : (n,) float64, 1/m
         Filled for those particles.
     """
     for i in near:
-        total = steep[i] * weight(0.0, reach)
+        total = weight(0.0, reach) * math.sqrt(normal[i, 0] ** 2 + normal[i, 1] ** 2 + normal[i, 2] ** 2)
         value = total * bend[i]
         for k in range(first[i], first[i + 1]):
             j = other[k]
@@ -559,7 +562,8 @@ def smooth_curvature(position, kind, fluid, sheet, bend, steep, near, first, oth
             r2 = dx * dx + dy * dy + dz * dz
             if r2 >= reach * reach:
                 continue
-            s = steep[j] * weight(math.sqrt(r2), reach)
+            s = weight(math.sqrt(r2), reach)
+            s *= math.sqrt(normal[j, 0] ** 2 + normal[j, 1] ** 2 + normal[j, 2] ** 2)
             total += s
             value += -s * bend[j] if sheet[fluid[i], fluid[j]] else s * bend[j]
         out[i] = value / (total + 1e-300)
