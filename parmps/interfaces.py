@@ -13,6 +13,8 @@ OWN_FLOOR = 0.25
 """Least eigenvalue of the moment matrices over the own liquid alone; a flat interface leaves 1/2."""
 SHIFT_ACROSS = 0.05
 """Share of the shifting that acts across an interface."""
+SMOOTHINGS = 3
+"""How often the colour function, and the curvature of its contours, are smoothed."""
 UNCERTAIN = 0.02
 """Slope of the fraction, per spacing, below which a normal says little; the second row has 0.1."""
 
@@ -108,26 +110,25 @@ def find_interfaces(sim):
 def find_curvature(sim):
     """Curvature of the interfaces, which surface tension makes a jump of the pressure.
 
-    From a wider neighbourhood than that of the other operators, since it is a second derivative.
+    It is a second derivative, and the colour function and the curvature are smoothed.
     """
     p, w, near = sim.particles, sim.work, sim.work.curved
-    sim.wide_pairs.find(p)
-    lists, scale = sim.wide_pairs.lists, (sim.l0, sim.scheme.volume_radius)
-    sheet = sim.liquids.sheet
-    near.reset(interface.find_near(*lists, p.kind, p.fluid, sheet, p.liquid, near.room))
-    common = (p.position, p.kind, p.fluid, sheet)
-    interface.own_fraction(*common, near.index, *lists, *scale, near.fraction)
-    share_with_walls(sim, near.fraction)
-    flat = density.lattice_matrix(p.rows)  # directions need no correction
+    fraction, lists, scale = w.near_interface.fraction, sim.pairs.lists, (sim.l0, sim.scheme.radius)
+    near.reset(interface.widen(*lists, p.kind, fraction, p.liquid, near.room))
+    common = (p.position, p.kind, p.fluid, sim.liquids.sheet)
+    for _ in range(SMOOTHINGS):
+        interface.smooth_fraction(*common, fraction, near.index, *lists, *scale, near.fraction)
+        share_with_walls(sim, near.fraction)
+        fraction = near.fraction.copy()
     interface.normals(
-        *common, near.fraction, near.index, *lists, flat, *scale, near.normal, near.beyond
+        *common, near.fraction, near.index, *lists, w.inverse, *scale, near.normal, near.beyond
     )
     sim.domain.exchange(near.normal)
-    raw = np.zeros(len(p))
-    interface.curvature(*common, near.normal, near.index, *lists, *scale, sim.dimension, raw)
-    sim.domain.exchange(raw)
     w.bend[:] = 0.0
-    interface.smooth_curvature(*common, raw, near.normal, near.index, *lists, *scale, w.bend)
+    interface.curvature(*common, near.normal, near.index, *lists, *scale, sim.dimension, w.bend)
+    for _ in range(SMOOTHINGS):
+        sim.domain.exchange(w.bend)
+        interface.smooth_curvature(*common, w.bend.copy(), near.normal, near.index, *lists, *scale, w.bend)
     share_with_walls(sim, w.bend)
 
 

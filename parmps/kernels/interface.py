@@ -136,6 +136,67 @@ def own_fraction(position, kind, fluid, sheet, near, first, other, l0, reach, ou
 
 
 @compiled
+def widen(first, other, kind, fraction, rows, near):
+    """List the liquid particles that have a neighbour near an interface, or are near one.
+
+    Parameters
+    ----------
+    first, other
+        Neighbour lists.
+    kind : (n,) int8
+    fraction : (n,) float64
+        As made by `own_fraction`; 1 away from interfaces.
+    rows : int
+    near : (rows,) int32
+        Filled from the start.
+
+    Returns
+    -------
+    int
+        Number of such particles.
+    """
+    count = 0
+    for i in range(rows):
+        found = fraction[i] < 1.0
+        for k in range(first[i], first[i + 1]):
+            if kind[other[k]] == 0 and fraction[other[k]] < 1.0:
+                found = True
+                break
+        if found and kind[i] == 0:
+            near[count] = i
+            count += 1
+    return count
+
+
+@compiled
+def smooth_fraction(position, kind, fluid, sheet, fraction, near, first, other, l0, reach, out):
+    """Smooth the fraction of the own liquid once more.
+
+    Parameters
+    ----------
+    position, kind, fluid, sheet, near, first, other, l0, reach
+        As in `own_fraction`.
+    fraction : (n,) float64
+        As made there, walls included.
+    out : (n,) float64
+        Filled for those particles.
+    """
+    for i in near:
+        total, value = 1.0, fraction[i]
+        for k in range(first[i], first[i + 1]):
+            j = other[k]
+            if kind[j] == 2:
+                continue
+            dx = (position[j, 0] - position[i, 0]) / l0
+            dy = (position[j, 1] - position[i, 1]) / l0
+            dz = (position[j, 2] - position[i, 2]) / l0
+            w = smooth_weight(math.sqrt(dx * dx + dy * dy + dz * dz), reach)
+            total += w
+            value += w * (1.0 - fraction[j] if sheet[fluid[i], fluid[j]] else fraction[j])
+        out[i] = value / total
+
+
+@compiled
 def normals(position, kind, fluid, sheet, fraction, near, first, other, inverse, l0, reach, out, beyond):
     """Normals of the interface, out of each particle's own liquid, and the first moment of what lies beyond.
 
