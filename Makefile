@@ -11,13 +11,14 @@ export OPENBLAS_NUM_THREADS := 1
 export OMPI_ALLOW_RUN_AS_ROOT := 1
 export OMPI_ALLOW_RUN_AS_ROOT_CONFIRM := 1
 
-.PHONY: help setup setup-test run test lint bench validate trade
+.PHONY: help setup setup-test run test lint bench extremes validate trade
 
 help:
 	@echo "make run        run jobs/sloshing.yaml on 2 ranks"
 	@echo "make test       run all tests, on 1 to 4 ranks"
 	@echo "make lint       check the code's style"
 	@echo "make bench      measure the speed (jobs/benchmarks)"
+	@echo "make extremes   find out where it breaks (jobs/extremes)"
 	@echo "make validate   compare with experiments and theory (jobs/validation)"
 	@echo "make trade      measure what accuracy costs, by setting (jobs/validation/trade.*)"
 	@echo "make setup      only set up; every other target does so when needed"
@@ -46,3 +47,6 @@ validate: setup
 trade: setup
 	$(python) jobs/validation/trade.py
 	$(python) postproc/trade.py jobs/validation/trade.csv
+
+extremes: setup
+	$(python) jobs/extremes/run.py

@@ -168,6 +168,18 @@ def commit(path):
         sync_directory(Path(path).parent)
 
 
+def discard(path):
+    """Remove a new checkpoint that will not be committed, as after an error; for one process only.
+
+    Parameters
+    ----------
+    path : path-like
+        As given to `create`.
+    """
+    with contextlib.suppress(OSError):
+        _temporary(path).unlink(missing_ok=True)
+
+
 def share_slabs(slabs, ranks, rank):
     """Give each rank a run of whole slabs; with more ranks than slabs some get none.
 
@@ -310,8 +322,7 @@ def _removed_on_error(path):
     try:
         yield
     except Exception:
-        with contextlib.suppress(OSError):
-            _temporary(path).unlink(missing_ok=True)
+        discard(path)
         raise
 
 

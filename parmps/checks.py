@@ -4,12 +4,16 @@ import math
 import os
 
 import numpy as np
+from scipy.optimize import brentq
 
 from parmps.errors import InputError
 from parmps.fields import nearest
+from parmps.hull import build_hull
+from parmps.mesh import read_surface
 from parmps.motion import read_motion_file
 
 TOLERANCE = 1e-9  # relative; forgives the rounding of decimal input such as 0.1 + 0.2
+MAX_POINTS = 1e12  # thousands of times what anyone has computed
 OUT_OF_PLANE = ("sway", "yaw")
 
 
@@ -38,13 +42,45 @@ def check_job(job):
 
 def _check_tank(job):
     tank = job.tank
+    points = math.prod(side / job.spacing for side in tank.size)
+    if points > MAX_POINTS:
+        reason = f"{points:.2g} points of the lattice in the tank, must be at most {MAX_POINTS:.0e}"
+        raise InputError("spacing", f"got {job.spacing:g} m, which means {reason}")
     layout = "[length, height]" if job.dimension == 2 else "[length, width, height]"
     if len(tank.size) != job.dimension:
         raise InputError("tank.size", f"got {list(tank.size)}, must be {layout} in {job.dimension}D (m)")
-    if tank.shape == "box":
-        if tank.chamfer is not None:
-            raise InputError("tank.chamfer", "a box has no chamfers; use shape: prism")
-        return
+    for key, shape in (("chamfer", "prism"), ("surface", "stl")):
+        if getattr(tank, key) is not None and tank.shape != shape:
+            raise InputError(f"tank.{key}", f"a {tank.shape} has none; it belongs to shape: {shape}")
+    if tank.shape in ("sphere", "stl") and job.dimension == 2:
+        raise InputError("tank.shape", f"got '{tank.shape}', must be box, prism or cylinder in 2D")
+    if tank.shape in ("cylinder", "sphere", "stl") and not tank.lid:
+        raise InputError("tank.lid", f"got false, must be true: a {tank.shape} tank is closed")
+    around = {"cylinder": tank.size[-2:], "sphere": tank.size}.get(tank.shape, tank.size[:1])
+    if max(around) - min(around) > TOLERANCE * max(around):
+        raise InputError(
+            "tank.size",
+            f"got {list(tank.size)}, the last {len(around)} must be equal, the diameter of the {tank.shape}",
+        )
+    if tank.shape == "prism":
+        _check_chamfer(tank)
+    elif tank.shape == "stl":
+        _check_surface(tank)
+
+
+def _check_surface(tank):
+    if tank.surface is None:
+        raise InputError("tank.surface", "missing; shape: stl needs the path of a surface")
+    extent = read_surface(tank.surface).extents
+    if np.abs(extent - tank.size).max() > 0.01 * max(tank.size):
+        raise InputError(
+            "tank.size",
+            f"got {list(tank.size)}, but {tank.surface} is {' x '.join(f'{side:.4g}' for side in extent)} m large; "
+            "the file must be in m",
+        )
+
+
+def _check_chamfer(tank):
     if tank.chamfer is None or (tank.chamfer.bottom is None and tank.chamfer.top is None):
         raise InputError("tank.chamfer", "missing; a prism needs chamfers at its bottom, top or both")
     across = tank.size[-2]
@@ -67,19 +103,22 @@ def _check_tank(job):
 
 
 def _check_baffle(job, baffle, key):
-    vertical = {"x": baffle.x, "bottom": baffle.bottom, "top": baffle.top}
-    horizontal = {"z": baffle.z, "left": baffle.left, "right": baffle.right}
-    given = [name for name, value in (vertical | horizontal).items() if value is not None]
-    if sorted(given) not in (sorted(vertical), sorted(horizontal)):
+    names = ("x", "bottom", "top", "z", "left", "right", "ring")
+    given = [name for name in names if getattr(baffle, name) is not None]
+    if given not in (["x", "bottom", "top"], ["z", "left", "right"], ["x", "ring"], ["z", "ring"]):
         raise InputError(
             key,
-            f"got {', '.join(given) or 'neither'}, must be x, bottom and top (vertical) or z, left and right",
+            f"got {', '.join(given) or 'neither'}, must be x, bottom and top (vertical), z, left and right "
+            "(horizontal), or x or z and ring",
         )
     half = baffle.thickness / 2
     if baffle.vertical:
         extents = {"x": (0, baffle.x - half, baffle.x + half), "bottom": (-1, baffle.bottom, baffle.top)}
     else:
         extents = {"z": (-1, baffle.z - half, baffle.z + half), "left": (0, baffle.left, baffle.right)}
+    if baffle.ring is not None:
+        _check_ring(job, baffle, key)
+        extents = {name: extent for name, extent in extents.items() if extent[1] is not None}
     if baffle.width is not None:
         if job.dimension == 2:
             raise InputError(f"{key}.width", "a 2D tank has no width")
@@ -95,14 +134,48 @@ def _check_baffle(job, baffle, key):
             )
 
 
+    if baffle.openings:
+        _check_openings(job, baffle, key)
+
+
+def _check_ring(job, baffle, key):
+    if job.dimension == 2 or job.tank.shape not in ("box", "prism"):
+        found = f"{job.dimension}D {job.tank.shape}"
+        raise InputError(f"{key}.ring", f"needs a 3D tank of shape box or prism, not a {found}")
+    if baffle.width is not None or baffle.openings:
+        raise InputError(f"{key}.ring", "a ring goes all around the tank and has no width or openings")
+    side = min(job.tank.size[1:] if baffle.vertical else job.tank.size[:2])
+    if 2 * baffle.ring >= side:
+        raise InputError(f"{key}.ring", f"got {baffle.ring:g} m, must be less than half of {side:g} m")
+
+
+def _check_openings(job, baffle, key):
+    if job.dimension == 2:
+        raise InputError(f"{key}.openings", "a 2D plate has none; give the parts between them as baffles")
+    across = baffle.width or (0.0, job.tank.size[1])
+    plate = (across, (baffle.bottom, baffle.top)) if baffle.vertical else ((baffle.left, baffle.right), across)
+    for number, corners in enumerate(baffle.openings):
+        for low, high, (first, last) in zip(*corners, plate, strict=True):
+            if low >= high:
+                raise InputError(f"{key}.openings[{number}]", "the first corner must be the lower")
+            if low <= first or high >= last:
+                raise InputError(
+                    f"{key}.openings[{number}]",
+                    f"reaches from {low:g} m to {high:g} m, must lie inside the plate's {first:g} m to {last:g} m",
+                )
+
+
 def _check_fluids(job):
     _check_unique([fluid.name for fluid in job.fluids], "fluids")
     for number, fluid in enumerate(job.fluids):
         key = f"fluids[{number}]"
-        if (fluid.depth is None) == (fluid.region is None):
-            raise InputError(f"{key}.depth", "each fluid must have either a depth or a region")
+        if sum(value is not None for value in (fluid.depth, fluid.fill, fluid.region)) != 1:
+            raise InputError(f"{key}.depth", "each fluid must have exactly one of depth, fill and region")
         if fluid.region is not None:
             _check_region(job, fluid.region, f"{key}.region")
+    shares = sum(fluid.fill or 0.0 for fluid in job.fluids)
+    if shares > 1.0 + TOLERANCE:
+        raise InputError("fluids", f"overfull: fill sums to {shares:g}, must be at most 1")
     total = _total_depth(job)
     if total > job.tank.height * (1 + TOLERANCE):
         raise InputError(
@@ -144,7 +217,7 @@ def _check_initial(job):
     if initial.kind == "standing_wave":
         if job.gravity == 0.0:
             raise InputError("initial.kind", "a standing wave needs gravity")
-        if any(fluid.depth is None for fluid in job.fluids):
+        if any(depth is None for depth in job.depths):
             raise InputError("initial.kind", "a standing wave needs fluids given by their depth")
     elif initial.kind == "velocity":
         _check_fluid_name(job, initial.fluid, "initial.fluid")
@@ -240,18 +313,47 @@ def _check_in_box(job, point, key):
 def _check_inside(job, point, key):
     """Refuse a point outside the tank, chamfers included."""
     _check_in_box(job, point, key)
-    if job.tank.chamfer is None:
+    hull = build_hull(job.tank, job.dimension, job.spacing)
+    if hull is None:
         return
-    across, up = job.tank.size[-2:]
-    to_side = min(point[-2], across - point[-2])
-    for legs, to_edge in ((job.tank.chamfer.bottom, point[-1]), (job.tank.chamfer.top, up - point[-1])):
-        if legs is not None and to_side / legs[0] + to_edge / legs[1] < 1 - TOLERANCE:
-            raise InputError(key, f"got {list(point)} m, which lies outside the tank's chamfer")
+    at = np.array([point[-hull.dimension :]])
+    if hull.distance(at)[0][0] < -hull.rounding:
+        raise InputError(key, f"got {list(point)} m, which lies outside the tank's {job.tank.shape}")
+
+
+def layer_depths(job):
+    """Find the thickness of the layers of liquid, those given by their share of the volume included.
+
+    Parameters
+    ----------
+    job : Job
+
+    Returns
+    -------
+    tuple of float or None
+        m; None for a liquid that fills a region.
+    """
+    hull = build_hull(job.tank, job.dimension, job.spacing)
+    height = job.tank.height
+    depths, level = [], 0.0
+    for fluid in job.fluids:
+        depth = fluid.depth
+        if fluid.fill is not None and hull is None:
+            depth = fluid.fill * height
+        elif fluid.fill is not None:
+            wanted = hull.content_below(level) + fluid.fill * hull.content_below(height)
+            if wanted >= hull.content_below(height) * (1.0 - TOLERANCE):
+                depth = height - level
+            else:
+                depth = brentq(lambda z, wanted=wanted: hull.content_below(z) - wanted, level, height) - level
+        depths.append(depth)
+        level += depth or 0.0
+    return tuple(depths)
 
 
 def _total_depth(job):
     """Sum of the layers' depths, m."""
-    return sum(fluid.depth or 0.0 for fluid in job.fluids)
+    return sum(depth or 0.0 for depth in job.depths)
 
 
 def job_warnings(job):
@@ -274,11 +376,12 @@ def _resolution_warnings(job):
     for axis, side in enumerate(job.tank.size):
         if spacing > side:
             yield f"spacing: {spacing:g} m is larger than the tank's side of {side:g} m (tank.size[{axis}])"
-    for number, fluid in enumerate(job.fluids):
-        rows = (fluid.depth or np.inf) / spacing
+    for number, thickness in enumerate(job.depths):
+        depth = thickness or np.inf
+        rows = depth / spacing
         if rows < 5:
             yield (
-                f"fluids[{number}].depth: {fluid.depth:g} m at a spacing of {spacing:g} m is {rows:.1f} rows "
+                f"fluids[{number}].depth: {depth:g} m at a spacing of {spacing:g} m is {rows:.1f} rows "
                 "of particles; at least 5 are needed to resolve a flow"
             )
     for number, baffle in enumerate(job.tank.baffles):

@@ -1,27 +1,75 @@
-"""The command line: ``python -m parmps JOB.yaml``, and the sub-commands plan and schema."""
+"""The command line: ``python -m parmps JOB.yaml``, and the sub-commands."""
 
 import argparse
 import json
+import os
+import re
 import sys
 import traceback
+from functools import partial
+from importlib.util import find_spec
 
 from parmps import __version__
 from parmps.checks import job_warnings
-from parmps.domain import Domain
 from parmps.errors import InputError, ParmpsError
+from parmps.interrupt import Interrupt
 from parmps.loader import load_job
+from parmps.scene import Job
 from parmps.schema import json_schema, schema_table
 
-EPILOG = """\
+SECONDS_TO_END = 5.0
+"""How long a rank with an error waits for the others to come to the same end before it ends them."""
+
+RUN_HELP = """\
 examples:
   mpirun -n 2 python -m parmps jobs/sloshing.yaml
-  python -m parmps jobs/sloshing.yaml --out /tmp/run --set motion[0].amplitude=0.03 --set time.end=5
+  python -m parmps jobs/sloshing.yaml --out out/run --set motion[0].amplitude=0.03 --set time.end=5
   python -m parmps jobs/sloshing.yaml --restart out/sloshing --set time.end=20
-  python -m parmps plan jobs/sloshing.yaml --png start.png
-  python -m parmps schema
+  srun python -m parmps jobs/sloshing.yaml --wall-limit 23:50:00
 
-exit status: 0 done, 2 bad input, 3 diverged, 4 a rank failed or an output could not be written.
+other commands (each with --help): plan, sweep, plot, schema
+
+exit status: 0 done, 2 bad input, 3 diverged, 4 a rank failed or an output could not be written, 5 stopped early
+by SIGTERM, SIGINT, SIGUSR1 or --wall-limit. After 3 and 5 there is a checkpoint to continue from.
 Options of the pressure solver go to PETSc with the prefix -ppe_, such as -ppe_ksp_monitor.
+"""
+
+PLAN_HELP = """\
+examples:
+  python -m parmps plan jobs/sloshing.yaml
+  mpirun -n 8 python -m parmps plan jobs/sloshing.yaml       (memory and particles of each of 8 ranks)
+  python -m parmps plan jobs/sloshing.yaml --set spacing=0.002 --png start.png
+"""
+
+SCHEMA_HELP = """\
+examples:
+  python -m parmps schema | less
+  python -m parmps schema --json > job.schema.json
+  python -m parmps schema --sweep
+"""
+
+SWEEP_HELP = """\
+examples:
+  python -m parmps sweep jobs/sweeps/baffle_height.yaml --jobs 2          run what is missing, two cases at a time
+  python -m parmps sweep jobs/sweeps/baffle_height.yaml --script slurm > sweep.sbatch; sbatch sweep.sbatch
+  python -m parmps sweep jobs/sweeps/baffle_height.yaml --collect         only the table and the figures
+
+Results: results.csv and a figure a measure in the directory of the sweep, a directory with a whole run a case.
+Exit status: 0 all cases done, 2 bad input, 4 some case failed (results.csv says why), 5 stopped; the same command
+continues it.
+"""
+
+PLOT_HELP = """\
+examples:
+  python -m parmps plot probes out/sloshing --reference measured.csv
+  python -m parmps plot particles out/sloshing --time 1.0 2.0 3.0 --field speed
+  python -m parmps plot spectra out/sloshing --begin 2
+  python -m parmps plot peaks out/sloshing
+  python -m parmps plot animation out/sloshing --format mp4
+  python -m parmps plot sweep jobs/sweeps/baffle_height.yaml
+  python -m parmps plot report out/sloshing                     (or SWEEP.yaml: one HTML page to send to a colleague)
+
+Each has more options: python -m parmps plot probes --help. Pictures go into the directory of the results.
 """
 
 
@@ -29,7 +77,7 @@ class _Parser(argparse.ArgumentParser):
     """Tells what is wrong by `InputError`, so that one rank can speak for all."""
 
     def error(self, message):
-        raise InputError("command line", f"{message}; see python -m parmps --help")
+        raise InputError("command line", f"{message}; see {self.prog} --help")
 
 
 def _split(arguments):
@@ -46,33 +94,119 @@ def _split(arguments):
     return ours
 
 
-def _arguments(words):
-    parser = _Parser(
-        prog="python -m parmps",
-        description="Violent sloshing of liquids in moving tanks by the Moving Particle Semi-implicit method.",
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+def _parser(command, description, examples):
+    prog = f"python -m parmps {command}".strip()
+    return _Parser(
+        prog=prog, description=description, epilog=examples, formatter_class=argparse.RawDescriptionHelpFormatter
     )
+
+
+def _add_job(parser):
+    parser.add_argument("job", metavar="JOB.yaml", help="job file; its keys: python -m parmps schema")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE", help="change a key, such as motion[0].omega=6"
+    )
+
+
+def _run_parser():
+    about = "Violent sloshing of liquids in moving tanks by the Moving Particle Semi-implicit method. Runs a job."
+    parser = _parser("", about, RUN_HELP)
     parser.add_argument("--version", action="version", version=f"parmps {__version__}")
-    command = words[0] if words and words[0] in ("plan", "schema") else "run"
-    if command == "schema":
-        parser.add_argument("command", choices=["schema"])
-        parser.add_argument("--json", action="store_true", help="print the JSON Schema, for editors")
-        return command, parser.parse_args(words)
-    if command == "plan":
-        parser.add_argument("command", choices=["plan"], help="show what would run; solves nothing")
-    parser.add_argument("job", metavar="JOB.yaml", help="job file, or plan JOB.yaml, or schema")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="change a key of the job")
-    if command == "plan":
-        parser.add_argument("--png", metavar="FILE", help="also draw the particles at the start")
-    if command == "run":
-        parser.add_argument("--out", metavar="DIR", help="output directory, instead of the job's")
-        parser.add_argument("--restart", metavar="DIR", help="continue from the checkpoint of an earlier run")
-    return command, parser.parse_args(words)
+    _add_job(parser)
+    parser.add_argument("--out", metavar="DIR", help="output directory, instead of the job's")
+    parser.add_argument("--restart", metavar="DIR", help="continue from the checkpoint of an earlier run")
+    parser.add_argument(
+        "--wall-limit",
+        metavar="TIME",
+        type=wall_time,
+        help="stop with a checkpoint after this wall time: seconds, MM:SS or HH:MM:SS; leave time for a checkpoint",
+    )
+    return parser
+
+
+def _plan_parser():
+    parser = _parser("plan", "Shows what a job would take and run; solves nothing.", PLAN_HELP)
+    _add_job(parser)
+    parser.add_argument("--png", metavar="FILE", help="also draw the particles at the start")
+    return parser
+
+
+def _schema_parser():
+    parser = _parser("schema", "Prints every key of a job: type, unit, default and meaning.", SCHEMA_HELP)
+    parser.add_argument("--json", action="store_true", help="print the JSON Schema, for editors")
+    parser.add_argument("--sweep", action="store_true", help="the keys of a sweep file instead")
+    return parser
+
+
+def _sweep_parser():
+    parser = _parser("sweep", "Runs a base job with changed values, case by case; one table of results.", SWEEP_HELP)
+    parser.add_argument("sweep", metavar="SWEEP.yaml", help="sweep file; its keys: python -m parmps schema --sweep")
+    parser.add_argument("--jobs", type=_count, metavar="N", help="cases at a time, instead of the file's")
+    parser.add_argument("--ranks", type=_count, metavar="N", help="MPI ranks of each case, instead of the file's")
+    parser.add_argument("--retry", action="store_true", help="run the cases that failed again")
+    parser.add_argument("--script", choices=("slurm", "shell"), help="run nothing, print a script of the missing cases")
+    parser.add_argument("--collect", action="store_true", help="run nothing, only collect the results there are")
+    return parser
+
+
+def _plot_parser():
+    from parmps.figures.command import add_commands
+
+    parser = _parser("plot", "Draws the results of a run or a sweep.", PLOT_HELP)
+    add_commands(parser)
+    return parser
+
+
+def _count(text):
+    if not text.isdecimal() or not 1 <= int(text[:9]) <= 100_000:
+        raise argparse.ArgumentTypeError(f"got '{text}', must be a whole number from 1 to 100000")
+    return int(text)
+
+
+PARSERS = {"plan": _plan_parser, "schema": _schema_parser, "sweep": _sweep_parser, "plot": _plot_parser}
+ALONE = ("sweep", "plot")
+"""Commands of one process, which never starts MPI: children with MPI could not start from it."""
+
+
+def wall_time(text):
+    """Read a wall time as batch systems write it.
+
+    Parameters
+    ----------
+    text : str
+        Seconds, ``MM:SS`` or ``HH:MM:SS``.
+
+    Returns
+    -------
+    float
+        s.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        If it is none of these.
+    """
+    if not re.fullmatch(r"\d{1,9}(\.\d*)?|(\d{1,6}:)?\d{1,6}:\d{1,2}", text):
+        raise argparse.ArgumentTypeError(f"got '{text}', must be seconds, MM:SS or HH:MM:SS")
+    seconds = 0.0
+    for part in text.split(":"):
+        seconds = 60.0 * seconds + float(part)
+    return seconds
+
+
+def _arguments(words):
+    """Parse the command line: the name of the command, and its arguments."""
+    if words and words[0] in PARSERS:
+        return words[0], PARSERS[words[0]]().parse_args(words[1:])
+    return "run", _run_parser().parse_args(words)
 
 
 def main():
     """Run the command line and exit with its status."""
+    if sys.argv[1:2] and sys.argv[1] in ALONE:
+        sys.exit(_main_alone())
+    from parmps.domain import Domain
+
     domain = Domain()
     try:
         command, arguments, job, error = _prepare(domain)
@@ -80,19 +214,69 @@ def main():
             raise error
         if command == "schema":
             if domain.rank == 0:
-                print(json.dumps(json_schema(), indent=2) if arguments.json else schema_table())
+                _print_schema(arguments)
         elif command == "plan":
             _plan(job, arguments, domain)
         else:
             _run(job, arguments, domain)
     except ParmpsError as problem:
-        # Raised on all ranks alike, so that all come here and none waits for another.
-        if domain.rank == 0:
-            print(f"parmps: error: {problem}", file=sys.stderr, flush=True)
+        # Raised on all ranks alike as a rule; a file that only one rank writes may fail that rank alone.
+        alone = not domain.all_end(SECONDS_TO_END)
+        if domain.rank == 0 or alone:
+            _tell(problem)
+        if alone:
+            domain.abort(problem.exit_status)
         sys.exit(problem.exit_status)
     except Exception:  # noqa: BLE001 - whatever failed on this rank, the others must not wait for it
         print(f"parmps: rank {domain.rank} failed:\n{traceback.format_exc()}", file=sys.stderr, flush=True)
         domain.abort(4)
+
+
+def _main_alone():
+    """Run a command of one process; its exit status."""
+    try:
+        if int(os.environ.get("OMPI_COMM_WORLD_SIZE", os.environ.get("PMI_SIZE", "1"))) > 1:
+            raise InputError("command line", f"{sys.argv[1]} starts its own ranks; run it without mpirun")
+        command, arguments = _arguments(sys.argv[1:])
+        return _sweep(arguments) if command == "sweep" else arguments.draw(arguments)
+    except ParmpsError as problem:
+        _tell(problem)
+        return problem.exit_status
+
+
+def _tell(problem):
+    print(f"parmps: {problem.title}: {problem}", file=sys.stderr, flush=True)
+
+
+def _print_schema(arguments):
+    from parmps.sweep import Sweep
+
+    model = Sweep if arguments.sweep else Job
+    print(json.dumps(json_schema(model), indent=2) if arguments.json else schema_table(model))
+
+
+def _sweep(arguments):
+    from parmps import campaign
+    from parmps.sweep import load_sweep
+
+    counts = {name: value for name in ("jobs", "ranks") if (value := getattr(arguments, name)) is not None}
+    sweep, cases = load_sweep(arguments.sweep, counts)
+    if arguments.script:
+        campaign.prepare(sweep, cases)
+        print(campaign.script(sweep, campaign.missing_cases(sweep, cases, arguments.retry), arguments.script))
+        return 0
+    run = campaign.results if arguments.collect else partial(campaign.run_sweep, retry=arguments.retry)
+    ends = run(sweep, cases)
+    if find_spec("matplotlib"):
+        from parmps.figures.charts import draw_sweep
+
+        draw_sweep(sweep)
+    else:
+        print("no figures were drawn: that needs matplotlib")
+    done = ends.count("done")
+    failed = [f"case {case.name} {end}" for case, end in zip(cases, ends, strict=True) if end.startswith("failed")]
+    print("\n".join([*failed, f"{done} of {len(cases)} cases are done; results are in {campaign.results_path(sweep)}"]))
+    return 4 if failed else 0
 
 
 def _prepare(domain):
@@ -105,8 +289,7 @@ def _prepare(domain):
             if command != "schema":
                 from parmps.tank import require_supported
 
-                overrides = list(arguments.set)
-                job = load_job(arguments.job, overrides)
+                job = load_job(arguments.job, arguments.set)
                 require_supported(job)
                 for warning in job_warnings(job):
                     print(f"parmps: warning: {warning}", file=sys.stderr, flush=True)
@@ -122,13 +305,15 @@ def _prepare(domain):
 
 
 def _plan(job, arguments, domain):
-    from parmps.planning import draw_plan, plan_text
+    from parmps.planning import plan_text
 
     error = None
     if domain.rank == 0:
         try:
             print(plan_text(job, domain))
             if arguments.png:
+                from parmps.figures.start import draw_plan
+
                 draw_plan(job, arguments.png)
                 print(f"\nThe particles at the start are drawn in {arguments.png}")
         except ParmpsError as problem:
@@ -142,8 +327,9 @@ def _run(job, arguments, domain):
     from parmps.run import Run
 
     directory = arguments.out or arguments.restart or job.output.directory
-    run = Run(job, domain, directory, arguments.restart)
-    try:
-        run.go()
-    finally:
-        run.close()
+    with Interrupt(arguments.wall_limit) as interrupt:
+        run = Run(job, domain, directory, arguments.restart, interrupt)
+        try:
+            run.go()
+        finally:
+            run.close()

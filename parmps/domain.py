@@ -6,6 +6,7 @@ particles may have moved further than the margin of the halo.
 """
 
 import math
+import time as clock
 
 import numpy as np
 from mpi4py import MPI
@@ -34,6 +35,7 @@ class Domain:
     def __init__(self, comm=None):
         self.comm = MPI.COMM_WORLD if comm is None else comm
         self.rank, self.size = self.comm.rank, self.comm.size
+        self._ending = self.comm.Dup()
         self.halo = 0
         self._sends, self._receives = [], []  # (rank, indices) and (rank, begin, end)
         self._channels = {}
@@ -110,6 +112,26 @@ class Domain:
     def barrier(self):
         """Wait for all ranks."""
         self.comm.Barrier()
+
+    def all_end(self, seconds):
+        """Whether all ranks come to their end, each by itself, within some time of each other.
+
+        Parameters
+        ----------
+        seconds : float
+            How long to wait for the others, s.
+
+        Returns
+        -------
+        bool
+            False where others still run, or wait for this rank in some other call.
+        """
+        request, limit = self._ending.Ibarrier(), clock.monotonic() + seconds
+        while not request.Test():
+            if clock.monotonic() > limit:
+                return False
+            clock.sleep(0.001)
+        return True
 
     def abort(self, status):
         """End all ranks at once, because this one cannot go on.

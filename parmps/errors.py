@@ -5,6 +5,8 @@ class ParmpsError(Exception):
     """Base of the errors that end a run with one message and no traceback."""
 
     exit_status = 4
+    title = "error"
+    """What the message begins with."""
 
 
 class InputError(ParmpsError):
@@ -32,6 +34,13 @@ class DivergedError(ParmpsError):
     """The solution cannot be continued: a solver diverged or a value is not finite (exit status 3)."""
 
     exit_status = 3
+
+
+class StoppedError(ParmpsError):
+    """The run was asked to stop before its end; a checkpoint holds its state (exit status 5)."""
+
+    exit_status = 5
+    title = "early end"
 
 
 class OutputError(ParmpsError):

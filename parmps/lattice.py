@@ -5,15 +5,22 @@ single point 0, is one unit wide and has no walls, so areas and volumes are per 
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from parmps.errors import InputError
+from parmps.hull import Polygon, build_hull, hull_axes
+from parmps.kernels.walls import Walls
+from parmps.mesh import Mesh
+from parmps.packing import ROUNDING, Arrangement, arrange
 
 MAX_STRETCH = 0.1  # relative; a lattice stretched more is no longer near the spacing asked for
-ROUNDING = 1e-6  # in spacings; forgives the rounding of decimal input such as 0.25 / 0.005
 INSET = {"half": 0.5, "line": 0.0}  # depth of the wall layer below the wall surface, in spacings
 THINNEST_BAFFLE = 1.1  # in spacings; a thinner one is modelled as thick as this
+# With wall particles on the wall line, [004] (case 3) resolves a baffle of 1.2 spacings by one column.
+SHEET, SHEET_BELOW = 0.1, 1.5  # in spacings: thickness of such a column, and of what it stands for
 
 
 @dataclass(frozen=True)
@@ -84,7 +91,7 @@ class SolidAxis:
 
 @dataclass(frozen=True)
 class Solid:
-    """A baffle as a box.
+    """A baffle as a box, perhaps with openings through it.
 
     Attributes
     ----------
@@ -93,6 +100,8 @@ class Solid:
     free_low, free_high : (3,) bool
         Whether liquid can touch the lower and the upper face along each axis.
     axes : tuple of 3 SolidAxis
+    openings : (k, 2, 3) float64, m
+        Corners of the openings, infinite along the thickness.
     """
 
     low: np.ndarray
@@ -100,12 +109,46 @@ class Solid:
     free_low: np.ndarray
     free_high: np.ndarray
     axes: tuple
+    openings: np.ndarray
 
     @property
     def box(self):
         """Corners, infinite where the baffle touches a wall: (2, 3) float64, m."""
         low = np.where(self.free_low, self.low, -np.inf)
         return np.array([low, np.where(self.free_high, self.high, np.inf)])
+
+    @cached_property
+    def boxes(self):
+        """The baffle as boxes that overlap: all that fit between its openings and can grow no further, (m, 2, 3)."""
+        if not len(self.openings):
+            return self.box[None]
+        cuts = [np.unique([*self.box[:, a], *self.openings[:, :, a].ravel()]) for a in self.across]
+        middle = [(c[:-1] + c[1:]) / 2 for c in (np.clip(cut, -1e9, 1e9) for cut in cuts)]
+        free = np.zeros([len(m) for m in middle], bool)
+        for opening in self.openings:
+            inside = [(m > opening[0, a]) & (m < opening[1, a]) for m, a in zip(middle, self.across, strict=True)]
+            free |= np.outer(*inside)
+        found = []
+        for first in range(len(free)):
+            for last in range(first, len(free)):
+                closed = np.concatenate([[False], ~free[first : last + 1].any(axis=0), [False]])
+                starts, stops = np.flatnonzero(closed[1:] != closed[:-1]).reshape(-1, 2).T
+                found += [(first, last + 1, start, stop) for start, stop in zip(starts, stops, strict=True)]
+        largest = [r for r in found if not any(_within(r, other) for other in found if other != r)]
+        boxes = np.tile(self.box, (len(largest), 1, 1))
+        for box, (first, last, start, stop) in zip(boxes, largest, strict=True):
+            box[:, self.across[0]] = cuts[0][[first, last]]
+            box[:, self.across[1]] = cuts[1][[start, stop]]
+        return boxes
+
+    @property
+    def across(self):
+        """The two axes in the plane of the openings."""
+        return [a for a in range(3) if np.isfinite(self.openings[0, :, a]).all()]
+
+
+def _within(inner, outer):
+    return outer[0] <= inner[0] and inner[1] <= outer[1] and outer[2] <= inner[2] and inner[3] <= outer[3]
 
 
 @dataclass(frozen=True)
@@ -124,13 +167,16 @@ class Geometry:
     axes : tuple of 3 Axis
     layer_rows : tuple of int
         Number of the lowest row above each layer of liquid, bottom layer first.
-    container : (2, 3) float64, m
-        Lower and upper corner of the tank; -inf and inf along y in 2D.
-    boxes : (m, 2, 3) float64, m
-        Lower and upper corners of the baffles, infinite where they touch a wall.
-    open_top : bool
+    walls : Walls
+        Tank and baffles for the kernels.
     solids : tuple of Solid
         The baffles.
+    hull : Polygon, Round, Mesh or None
+        None where the tank is a box.
+    hull_axes : tuple of int
+        Axes of the tank that are the hull's; the tank is straight along the others.
+    arrangement : Arrangement or None
+        Points in and around the hull, instead of the lattice.
     """
 
     dimension: int
@@ -139,10 +185,11 @@ class Geometry:
     spacing: float
     axes: tuple
     layer_rows: tuple
-    container: np.ndarray
-    boxes: np.ndarray
-    open_top: bool
+    walls: Walls
     solids: tuple
+    hull: object
+    hull_axes: tuple
+    arrangement: Arrangement | None
 
     @property
     def inset(self):
@@ -176,7 +223,7 @@ def build_geometry(job, wall, layers=3):
     """
     size, spacing, top = job.tank.size, job.spacing, layers if job.tank.lid else 0
     _check_stretch(job, wall)
-    depths = [fluid.depth for fluid in job.fluids if fluid.depth is not None]
+    depths = [depth for depth in job.depths if depth is not None]
     x = _axis(_edges(size[0], spacing), size[0], wall, layers, layers)
     y = _flat_axis()
     if job.dimension == 3:
@@ -192,10 +239,35 @@ def build_geometry(job, wall, layers=3):
     mean = float(np.prod(steps) ** (1 / job.dimension))
     container = np.array([[axis.low for axis in axes], [axis.high for axis in axes]])
     solids = tuple(_solid(baffle, axes, mean, wall, job.tank.lid) for baffle in job.tank.baffles)
-    boxes = np.array([solid.box for solid in solids]).reshape(-1, 2, 3)
-    return Geometry(
-        job.dimension, wall, layers, mean, axes, layer_rows, container, boxes, not job.tank.lid, solids
+    boxes = np.concatenate([np.empty((0, 2, 3)), *[solid.boxes for solid in solids]])
+    walls = Walls(container, not job.tank.lid, boxes)
+    hull = build_hull(job.tank, job.dimension, spacing)
+    if hull is None:
+        return Geometry(job.dimension, wall, layers, mean, axes, layer_rows, walls, solids, None, (), None)
+    across = hull_axes(hull, job.dimension)
+    arrangement = arrange(
+        hull, [axes[a] for a in across], layer_rows, np.cumsum(depths), mean, INSET[wall], layers
     )
+    walls = walls._replace(**_hull_walls(hull, across))
+    return Geometry(job.dimension, wall, layers, mean, axes, layer_rows, walls, solids, hull, across, arrangement)
+
+
+def _hull_walls(hull, across):
+    """A hull as the kernels know it: fields of `Walls`."""
+    if isinstance(hull, Polygon):
+        # the other edges are the container's
+        sloped = hull.wall & (np.abs(hull.normals) > ROUNDING).all(axis=1)
+        planes = np.zeros((sloped.sum(), 4))
+        planes[:, across] = hull.normals[sloped]
+        planes[:, 3] = hull.offsets[sloped]
+        return {"planes": planes}
+    if isinstance(hull, Mesh):
+        return {"field": hull.sampled.field, "frame": hull.sampled.frame}
+    part = np.zeros((1, 7))
+    part[0, across] = hull.centre
+    part[0, np.add(across, 3)] = 1.0
+    part[0, 6] = hull.radius
+    return {"rounds": part}
 
 
 def _count(length, spacing):
@@ -210,7 +282,7 @@ def _check_stretch(job, wall):
     lengths = {f"tank.size[{axis}]": side for axis, side in enumerate(job.tank.size)}
     if wall == "half":
         del lengths[f"tank.size[{job.dimension - 1}]"]
-        layers = {f"fluids[{n}].depth": fluid.depth for n, fluid in enumerate(job.fluids) if fluid.depth}
+        layers = {f"fluids[{n}].depth": depth for n, depth in enumerate(job.depths) if depth}
         # without layers, the rows fit the height
         lengths |= layers or {f"tank.size[{job.dimension - 1}]": job.tank.height}
 
@@ -276,26 +348,42 @@ def _flat_axis():
 def _solid(baffle, axes, spacing, wall, lid):
     # A thinner plate would put the wall particles of its two sides upon or beyond one another.
     half = max(baffle.thickness, THINNEST_BAFFLE * spacing) / 2
+    if wall == "line" and baffle.thickness < (SHEET_BELOW - ROUNDING) * spacing:
+        half = SHEET * spacing / 2
     y = axes[1]
     across = (y.low, y.high) if baffle.width is None else baffle.width
+    length, height = axes[0].high, axes[2].high
+    plane = (1, 2) if baffle.vertical else (0, 1)
+    openings = np.array([[[-np.inf] * 3, [np.inf] * 3]] * len(baffle.openings)).reshape(-1, 2, 3)
+    openings[:, :, plane] = np.array(baffle.openings).reshape(-1, 2, 2)
+    if baffle.ring is not None:
+        openings = np.array([[[-np.inf] * 3, [np.inf] * 3]])
+        openings[0, :, plane] = [(baffle.ring, axes[a].high - baffle.ring) for a in plane]
     if baffle.vertical:
-        extents = ((baffle.x - half, baffle.x + half), across, (baffle.bottom, baffle.top))
+        up = (0.0, height) if baffle.ring is not None else (baffle.bottom, baffle.top)
+        extents = ((baffle.x - half, baffle.x + half), across, up)
     else:
-        extents = ((baffle.left, baffle.right), across, (baffle.z - half, baffle.z + half))
+        along = (0.0, length) if baffle.ring is not None else (baffle.left, baffle.right)
+        extents = (along, across, (baffle.z - half, baffle.z + half))
     low, high = np.array(extents, dtype=float).T
     near = ROUNDING * spacing
     free_low = np.array([low[a] > axis.low + near for a, axis in enumerate(axes)])
     free_high = np.array([high[a] < axis.high - near for a, axis in enumerate(axes)])
     free_high[2] |= not lid
     solid_axes = tuple(
-        _solid_axis(axis, low[a], high[a], free_low[a], free_high[a], spacing, wall)
+        _solid_axis(axis, low[a], high[a], free_low[a], free_high[a], openings[:, :, a], spacing, wall)
         for a, axis in enumerate(axes)
     )
-    return Solid(low, high, free_low, free_high, solid_axes)
+    return Solid(low, high, free_low, free_high, solid_axes, openings)
 
 
-def _solid_axis(axis, low, high, free_low, free_high, spacing, wall):
-    if free_low or free_high:
+def _solid_axis(axis, low, high, free_low, free_high, openings, spacing, wall):
+    cuts = np.unique(openings[np.isfinite(openings)])
+    if len(cuts):
+        points, edges = _cut_points(np.array([low, *cuts, high]), spacing, wall)
+        inside = slice(0 if free_low or wall == "half" else 1, None if free_high or wall == "half" else -1)
+        points = points[inside]
+    elif free_low or free_high:
         points = _solid_points(low, high, free_low, free_high, spacing, wall)
         edges = np.concatenate([[low], (points[:-1] + points[1:]) / 2, [high]])
     else:
@@ -317,6 +405,17 @@ def _solid_axis(axis, low, high, free_low, free_high, spacing, wall):
         beyond=np.concatenate([np.arange(wide[0], 0, -1), np.zeros(n, int), -np.arange(1, wide[1] + 1)]),
         to_wall=np.concatenate([axis.low - below[::-1], np.zeros(n), axis.high - above]),
     )
+
+
+def _cut_points(cuts, spacing, wall):
+    """Points along an axis, and the bounds of their shares, with a lattice of its own between any two cuts."""
+    counts = [max(_count(b - a, spacing), 2) for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
+    pieces = [np.linspace(a, b, n + 1)[:-1] for a, b, n in zip(cuts[:-1], cuts[1:], counts, strict=True)]
+    nodes = np.append(np.concatenate(pieces), cuts[-1])
+    middle = (nodes[:-1] + nodes[1:]) / 2
+    if wall == "half":
+        return middle, nodes
+    return nodes, np.concatenate([nodes[:1], middle, nodes[-1:]])
 
 
 def _solid_points(low, high, free_low, free_high, spacing, wall):
@@ -378,30 +477,54 @@ def faces(geometry, position, normal, depth):
     owner = np.zeros(len(position), np.int64)
     for number, solid in enumerate(geometry.solids, start=1):
         # the tank's own particles keep clear of baffles by more than this
-        owner[np.abs(distance_to_box(surface, solid.box)) < near] = number
+        for box in solid.boxes:
+            owner[np.abs(distance_to_box(surface, box)) < near] = number
     area = np.zeros_like(position)
-    low, high = geometry.container
+    low, high = geometry.walls.container
     edges = [axis.edges for axis in geometry.axes]
     mine = owner == 0
-    area[mine] = _face_area(surface[mine], normal[mine], high, low, edges, near)
-    area[mine & (np.count_nonzero(np.abs(normal) > ROUNDING, axis=1) > 1)] = 0.0
+    if geometry.hull is None:
+        area[mine] = _face_area(position[mine], surface[mine], normal[mine], high[None], low[None], edges, near)
+        area[mine & (np.count_nonzero(np.abs(normal) > ROUNDING, axis=1) > 1)] = 0.0
+    else:
+        area[mine] = _hull_area(geometry, position[mine], normal[mine])
     for number, solid in enumerate(geometry.solids, start=1):
         mine = owner == number
         low, high = solid.box
+        lower, upper = np.vstack([low, solid.openings[:, 1]]), np.vstack([high, solid.openings[:, 0]])
         edges = [axis.edges for axis in solid.axes]
-        area[mine] = _face_area(surface[mine], normal[mine], low, high, edges, near)
+        area[mine] = _face_area(position[mine], surface[mine], normal[mine], lower, upper, edges, near)
     return owner, area
 
 
-def _face_area(surface, normal, minus, plus, edges, near):
-    """Area of the faces that points of them stand for, given where normals are negative and positive."""
+def _hull_area(geometry, position, normal):
+    """Area of the tank's wall that points of a hull's wall layer, or of the ends of a straight tank, stand for."""
+    across, arrangement = list(geometry.hull_axes), geometry.arrangement
+    points, shell = arrangement.points, arrangement.shells[0]
+    _, number = cKDTree(np.concatenate([points, shell.position])).query(position[:, across])
+    on_hull = number >= len(points)
+    area = np.zeros_like(position)
+    area[np.ix_(on_hull, across)] = shell.area[number[on_hull] - len(points)]
+    along = geometry.axes[0]
+    if 0 in across:
+        return area
+    inside = (position[:, 0] > along.low) & (position[:, 0] < along.high)
+    cell = np.searchsorted(along.edges, position[:, 0], side="right") - 1
+    area *= (inside * np.diff(along.edges)[np.clip(cell, 0, len(along.points) - 1)])[:, None]
+    area[~on_hull, 0] = -normal[~on_hull, 0] * arrangement.content.sum() / len(points)
+    return area
+
+
+def _face_area(position, surface, normal, minus, plus, edges, near):
+    """Area of the faces that points of them stand for, given places (k, 3) where normals are negative and positive."""
     width = np.empty_like(surface)
     for axis, bounds in enumerate(edges):
-        cell = np.searchsorted(bounds, surface[:, axis], side="right") - 1
+        cell = np.searchsorted(bounds, position[:, axis], side="right") - 1
         width[:, axis] = np.diff(bounds)[np.clip(cell, 0, len(bounds) - 2)]
     used = np.abs(normal) > ROUNDING
-    face = np.where(normal < 0, minus, plus)
-    on_face = used & (np.abs(surface - face) < near)
+    near_minus = (np.abs(surface - minus[:, None]) < near).any(axis=0)
+    near_plus = (np.abs(surface - plus[:, None]) < near).any(axis=0)
+    on_face = used & np.where(normal < 0, near_minus, near_plus)
     # a normal that leans away from a face that is none belongs to a concave corner
     on_face &= (on_face == used).all(axis=1)[:, None]
     area = np.empty_like(surface)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from parmps.kernels.pairs import bounds, find_pairs
+from parmps.kernels.pairs import bounds, find_pairs, strengths
 
 
 class Pairs:
@@ -26,6 +26,10 @@ class Pairs:
     ----------
     lists : (first, other)
         Neighbours of particle i are ``other[first[i]:first[i + 1]]``.
+    wet : (first, last, other)
+        Those without the dummies: ``other[first[i]:last[i]]``.
+    square : (capacity,) float64, m2
+        Squared distances of the pairs.
     count : int
         Number of pairs.
     """
@@ -36,7 +40,9 @@ class Pairs:
         self._wall_rows = wall_rows
         self._wall_pairs = wall_pairs
         self._other = np.empty(0, np.int32)
-        self.lists = None
+        self.square = np.empty(0)
+        self._second = np.empty(0)
+        self.lists = self.wet = None
         self.count = 0
 
     def find(self, particles):
@@ -47,7 +53,7 @@ class Pairs:
         particles : Particles
         """
         rows = particles.rows if self._wall_rows else particles.liquid
-        first = np.empty(rows + 1, np.int64)
+        first, last = np.empty(rows + 1, np.int64), np.empty(rows, np.int64)
         lower, size, shape = self._grid(particles)
         while True:
             self.count = find_pairs(
@@ -62,12 +68,42 @@ class Pairs:
                 self._solids,
                 self._wall_pairs,
                 first,
+                last,
                 self._other,
+                self.square,
             )
             if self.count >= 0:
                 break
-            self._other = np.empty(2 * len(self._other) + 32 * rows + 1024, np.int32)
+            capacity = 2 * len(self._other) + 32 * rows + 1024
+            self._other, self.square = np.empty(capacity, np.int32), np.empty(capacity)
         self.lists = first, self._other
+        self.wet = first, last, self._other
+
+    def weigh(self, l0, radius, second):
+        """Turn the squares of the distances into weights over squares, W / r^2, for two radii.
+
+        Parameters
+        ----------
+        l0 : float
+            Spacing, m.
+        radius, second : float
+            In spacings.
+
+        Returns
+        -------
+        (capacity,) float64, 1/m2
+            For the first radius, in the place of ``square``.
+        (capacity,) float64, 1/m2
+            For the second one; the same array if the radii are equal.
+        """
+        if second == radius:
+            strengths(self.square, self.count, l0, radius, self.square)
+            return self.square, self.square
+        if len(self._second) < len(self.square):
+            self._second = np.empty(len(self.square))
+        strengths(self.square, self.count, l0, second, self._second)
+        strengths(self.square, self.count, l0, radius, self.square)
+        return self.square, self._second
 
     def _grid(self, particles):
         """Cells of the size of the radius, a quarter of it along z; larger where spray flies far."""

@@ -1,6 +1,7 @@
-"""The pressure solver: a distributed PETSc matrix, conjugate gradients, and multigrid kept over many steps.
+"""Linear solvers: the pressure, by conjugate gradients with multigrid kept over many steps, and implicit viscosity.
 
-The only module that knows PETSc. All its options can be given on the command line with the prefix ``-ppe_``.
+The only module that knows PETSc. All its options can be given on the command line, with the prefix ``-ppe_`` for
+the pressure and ``-viscosity_`` for the velocity.
 """
 
 import ctypes
@@ -10,26 +11,139 @@ import numpy as np
 import petsc4py
 from mpi4py import MPI  # for the handle of the communicator alone
 
-petsc4py.init([sys.argv[0], *(a for a in sys.argv[1:])] if any(a.startswith("-ppe_") for a in sys.argv) else [])
+# Signals are Python's: PETSc would end the run at SIGTERM, and print of an inner error where a pipe is closed.
+given = sys.argv[1:] if any(a.startswith(("-ppe_", "-viscosity_")) for a in sys.argv) else []
+petsc4py.init([sys.argv[0], "-no_signal_handler", "true", *given])
 from petsc4py import PETSc  # noqa: E402
 
 from parmps.errors import DivergedError  # noqa: E402
+from parmps.kernels.poisson import sort_rows  # noqa: E402
 
 EXCESS_ITERATIONS = 40
 """Iterations beyond those of a fresh hierarchy that pay for a new one: its set-up costs about as much time."""
 
-DEFAULTS = {
+VISCOUS_TOLERANCE = 1e-6
+"""Residual of the velocity's equation relative to its right-hand side; its matrix is so well conditioned that a
+tighter tolerance than the pressure's costs little."""
+
+PRESSURE_OPTIONS = {
     "ksp_type": "cg",
     "ksp_max_it": 500,
+    "ksp_converged_use_initial_residual_norm": True,
     "pc_type": "gamg",
     "pc_gamg_threshold": 0.0,
-    "mg_levels_ksp_max_it": 2,
+    "mg_levels_ksp_max_it": 1,
     "mg_levels_pc_type": "jacobi",
     "mg_coarse_sub_pc_factor_shift_type": "nonzero",
 }
 
 
-class PressureSolver:
+VISCOSITY_OPTIONS = {"ksp_type": "cg", "ksp_max_it": 2000, "pc_type": "jacobi"}
+
+
+class _Solver:
+    """What the solvers share: PETSc's objects for one distribution of the rows, and one solution.
+
+    Parameters
+    ----------
+    comm : mpi4py.MPI.Comm
+    prefix : str
+        Of the options on the command line.
+    options : dict
+        Those that are used where none are given.
+    tolerance : float
+        Of the residual relative to the right-hand side.
+    """
+
+    def __init__(self, comm, prefix, options, tolerance):
+        self._comm = PETSc.Comm(comm)
+        self._prefix = prefix
+        given = PETSc.Options(prefix)
+        for name, value in options.items():
+            if not given.hasName(name):
+                given[name] = value
+        self._tolerance = tolerance
+        self._ksp = None
+        self.iterations = 0
+
+    def new_layout(self, rows):
+        """Begin a new distribution of the rows; forgets the preconditioner.
+
+        Parameters
+        ----------
+        rows : int
+            Number of rows of this rank.
+        """
+        self.close()
+        self._rows = rows
+        self._ksp = PETSc.KSP().create(self._comm)
+        self._ksp.setOptionsPrefix(self._prefix)
+        self._ksp.setTolerances(rtol=self._tolerance)
+        self._ksp.setInitialGuessNonzero(True)
+        self._ksp.setFromOptions()
+        self._x = PETSc.Vec().createMPI((rows, None), comm=self._comm)
+        self._b = self._x.duplicate()
+
+    def _run(self, matrix, model, rhs, guess):
+        """Solve with a matrix, and the one that the preconditioner is made of; whether it converged."""
+        self._x.array[:] = guess
+        self._b.array[:] = rhs
+        self._ksp.setOperators(matrix, model)
+        self._ksp.solve(self._b, self._x)
+        self.iterations = self._ksp.getIterationNumber()
+        return self._ksp.getConvergedReason() > 0
+
+    def _fail(self, what):
+        reason = self._ksp.getConvergedReason()
+        raise DivergedError(
+            f"the {what} solver did not converge: {_REASONS.get(reason, reason)} after {self.iterations} iterations"
+        )
+
+    def close(self):
+        """Free PETSc's objects, which no garbage collector does in time."""
+        if self._ksp is not None:
+            for thing in (self._ksp, self._x, self._b):
+                thing.destroy()
+            self._ksp = None
+
+
+class VelocitySolver(_Solver):
+    """Solves the implicit viscous step.
+
+    Parameters
+    ----------
+    comm : mpi4py.MPI.Comm
+    """
+
+    def __init__(self, comm):
+        super().__init__(comm, "viscosity_", VISCOSITY_OPTIONS, VISCOUS_TOLERANCE)
+
+    def solve(self, blocks, velocity, axes):
+        """Solve for the velocity, one component after the other.
+
+        Parameters
+        ----------
+        blocks : Blocks
+            The matrix.
+        velocity : (rows, 3) float64, m/s
+            The right-hand sides, replaced by the solutions.
+        axes : sequence of int
+            Components to solve for.
+
+        Raises
+        ------
+        DivergedError
+            On all ranks, with PETSc's reason.
+        """
+        matrix = _wrap(self._comm, self._rows, blocks)
+        for axis in axes:
+            if not self._run(matrix, matrix, velocity[:, axis], velocity[:, axis]):
+                self._fail("viscosity")
+            velocity[:, axis] = self._x.array
+        matrix.destroy()
+
+
+class PressureSolver(_Solver):
     """Solves the pressure equation, step after step.
 
     Parameters
@@ -47,36 +161,15 @@ class PressureSolver:
     """
 
     def __init__(self, comm, tolerance):
-        self._comm = PETSc.Comm(comm)
-        options = PETSc.Options("ppe_")
-        for name, value in DEFAULTS.items():
-            if not options.hasName(name):
-                options[name] = value
-        self._tolerance = tolerance
-        self._ksp = None
+        super().__init__(comm, "ppe_", PRESSURE_OPTIONS, tolerance)
         self._matrix = self._model = None
-        self.iterations = 0
         self.rebuilds = 0
         self._fresh = None
         self._excess = 0
 
     def new_layout(self, rows):
-        """Begin a new distribution of the rows; forgets the hierarchy.
-
-        Parameters
-        ----------
-        rows : int
-            Number of rows of this rank.
-        """
-        self.close()
-        self._rows = rows
-        self._ksp = PETSc.KSP().create(self._comm)
-        self._ksp.setOptionsPrefix("ppe_")
-        self._ksp.setTolerances(rtol=self._tolerance)
-        self._ksp.setInitialGuessNonzero(True)
-        self._ksp.setFromOptions()
-        self._x = PETSc.Vec().createMPI((rows, None), comm=self._comm)
-        self._b = self._x.duplicate()
+        """As of every solver; the multigrid hierarchy is forgotten too."""
+        super().new_layout(rows)
         self._fresh = None
 
     def solve(self, blocks, rhs, guess):
@@ -101,35 +194,30 @@ class PressureSolver:
         """
         old = self._matrix
         self._matrix = _wrap(self._comm, self._rows, blocks)
-        self._x.array[:] = guess
-        self._b.array[:] = rhs
         if self._fresh is None or self._excess >= EXCESS_ITERATIONS:
-            self._renew()
-        self._ksp.setOperators(self._matrix, self._model)
-        self._ksp.solve(self._b, self._x)
-        if self._ksp.getConvergedReason() < 0 and self._fresh is not None:
+            self._renew(blocks)
+        # The preconditioned residual is nearly the error: it falls to a share of the last pressure, or, where
+        # that says nothing, of what it was at first. PETSc's own measure costs one more cycle of multigrid.
+        self._x.array[:] = guess
+        self._ksp.setTolerances(atol=self._tolerance * self._x.norm())
+        converged = self._run(self._matrix, self._model, rhs, guess)
+        if not converged and self._fresh is not None:
             # The hierarchy may have aged too fast to notice: try once more with a new one.
-            self._renew()
-            self._x.array[:] = guess
-            self._ksp.setOperators(self._matrix, self._model)
-            self._ksp.solve(self._b, self._x)
+            self._renew(blocks)
+            converged = self._run(self._matrix, self._model, rhs, guess)
         if old is not None:
             old.destroy()
-        self.iterations = self._ksp.getIterationNumber()
-        reason = self._ksp.getConvergedReason()
-        if reason < 0:
-            raise DivergedError(
-                f"the pressure solver did not converge: {_REASONS.get(reason, reason)} "
-                f"after {self.iterations} iterations"
-            )
+        if not converged:
+            self._fail("pressure")
         if self._fresh is None:
             self._fresh = self.iterations
         self._excess += max(self.iterations - self._fresh, 0)
         return self._x.array.copy()
 
-    def _renew(self):
+    def _renew(self, blocks):
         """Set the hierarchy up from a copy of the present matrix, which lives as long as the hierarchy."""
-        old, self._model = self._model, self._matrix.duplicate(copy=True)
+        old, self._model_blocks = self._model, blocks.sorted()
+        self._model = _wrap(self._comm, self._rows, self._model_blocks)
         for _ in range(self.rebuilds + 1):
             self._model.stateIncrease()  # else PETSc takes the copy, as young as the last one, for the last one
         self._ksp.setOperators(self._model, self._model)
@@ -157,11 +245,8 @@ class PressureSolver:
         return (PETSc.Log.getTime() - start) / repeats
 
     def close(self):
-        """Free PETSc's objects, which no garbage collector does in time."""
-        if self._ksp is not None:
-            for thing in (self._ksp, self._x, self._b):
-                thing.destroy()
-            self._ksp = None
+        """As of every solver; with its matrices."""
+        super().close()
         for matrix in (self._matrix, self._model):
             if matrix is not None:
                 matrix.destroy()
@@ -209,6 +294,20 @@ class Blocks:
         self.halo_first = np.zeros(rows + 1, index)
         self.halo_columns, self.halo_values = np.empty(entries, index), np.empty(entries)
         self.at_diagonal = np.zeros(rows, index)
+
+    def sorted(self):
+        """Copy the matrix, with the columns of each row ascending, as the set-up of multigrid needs them.
+
+        Returns
+        -------
+        Blocks
+        """
+        copy = Blocks.__new__(Blocks)
+        for name in ("first", "columns", "values", "halo_first", "halo_columns", "halo_values"):
+            setattr(copy, name, getattr(self, name).copy())
+        sort_rows(copy.first, copy.columns, copy.values)
+        sort_rows(copy.halo_first, copy.halo_columns, copy.halo_values)
+        return copy
 
     @property
     def arrays(self):

@@ -10,8 +10,8 @@ the particle's own liquid in its neighbourhood.
 
 import numpy as np
 
-from parmps.kernels.walls import hidden_from_column, wall_distance
-from parmps.lattice import distance_to_box, faces
+from parmps.kernels.walls import distances, hidden_from_column, wall_distance
+from parmps.lattice import faces
 from parmps.tank import FLUID, WALL
 
 AT_WALL = 0.5  # in spacings; a pressure probe nearer to a wall than this measures the wall's pressure
@@ -92,7 +92,7 @@ class PressureGauge:
         at = np.array(probe.at if geometry.dimension == 3 else [probe.at[0], 0.0, probe.at[1]])
         spacing = geometry.spacing
         self.radius = max(probe.radius or 2.0 * spacing, spacing)
-        distance, *normal = wall_distance(*at, geometry.container, geometry.boxes, geometry.open_top)
+        distance, *normal = wall_distance(*at, geometry.walls)
         self.on_wall = abs(distance) <= AT_WALL * spacing
         self.normal = np.array(normal)
         self.at = at - distance * self.normal if self.on_wall else at
@@ -143,7 +143,7 @@ class ElevationGauge:
     def __init__(self, probe, geometry):
         self.columns = [f"{probe.name} [m]"]
         axes = geometry.axes
-        self.boxes = geometry.boxes
+        self.boxes = geometry.walls.solids
         self.at = np.array(probe.at if geometry.dimension == 3 else [probe.at[0], 0.0])
         self.steps = np.array([axis.step for axis in axes])
         self.nodes = np.linspace(0.0, axes[2].high, int(np.ceil(NODES * axes[2].high / self.steps[2])) + 1)
@@ -151,8 +151,7 @@ class ElevationGauge:
         x, y = (axes[a].points[near[a] < 2 * self.steps[a]] for a in (0, 1))
         grid = np.meshgrid(x, y, axes[2].points, indexing="ij")
         lattice = np.stack(grid, axis=-1).reshape(-1, 3)
-        for box in geometry.boxes:
-            lattice = lattice[distance_to_box(lattice, box) > 0.0]
+        lattice = lattice[distances(lattice, geometry.walls)[0] > 0.0]
         self.full = self._profile(lattice)
 
     def _profile(self, position):

@@ -12,6 +12,14 @@ from tqdm import tqdm
 
 from parmps.slabs import output_errors
 
+LEAST_STEPS = 50
+"""Steps of a run from which its costs say something."""
+LARGE_SHARE = 0.3
+"""Share of the wall time that deserves a word."""
+OFTEN = 10
+"""Steps that a multigrid hierarchy should last."""
+MANY_ITERATIONS = 30
+"""Iterations a step beyond which the preconditioner is poor."""
 SECONDS_BETWEEN_LINES = 5.0
 """Least wall time between two progress lines, s."""
 
@@ -172,3 +180,51 @@ def timer_table(stages, wall):
         lines.append(f"{name:<{width}}  {times['max']:>10.3f}  {times['mean']:>10.3f}  {share:>6.1%}")
     lines.append(f"{'time loop':<{width}}  {wall:>10.3f}  {wall:>10.3f}  {1:>6.1%}")
     return "\n".join(lines)
+
+
+def advice(record, steps):
+    """Tell what was expensive in a run, and what can be done about it.
+
+    Parameters
+    ----------
+    record : dict
+        As in ``run.json``.
+    steps : int
+        Steps that the times and counts of the record are of.
+
+    Returns
+    -------
+    list of str
+        One sentence each; empty for a run in which nothing stands out.
+    """
+    wall, stages, ksp = record["wall_seconds"], record["stage_seconds"], record["ksp"]
+    if steps < LEAST_STEPS or wall <= 0.0:
+        return []
+    spent = {name: times["mean"] / wall for name, times in stages.items()}
+    pressure, halo, outside = spent.get("pressure", 0.0), spent.get("halo", 0.0), 1.0 - sum(spent.values())
+    each = record["particles"]["total"] / record["ranks"]
+    lines = []
+    if pressure > LARGE_SHARE and steps < OFTEN * ksp["rebuilds"]:
+        lines.append(
+            f"The multigrid hierarchy was set up every {steps / ksp['rebuilds']:.1f} steps: each checkpoint makes a "
+            "new one (output.checkpoint_every); a shorter step (time.cfl) keeps it longer."
+        )
+    if pressure > LARGE_SHARE and ksp["iterations_mean"] > MANY_ITERATIONS:
+        lines.append(
+            f"The pressure took {ksp['iterations_mean']:.0f} iterations a step: try scheme.ksp_rtol a decade larger, "
+            "or another preconditioner (-ppe_pc_type hypre)."
+        )
+    if outside > LARGE_SHARE:
+        lines.append(
+            f"{outside:.0%} of the time went into samples, snapshots and checkpoints: see output.probes_every, "
+            "output.particles_every and output.checkpoint_every."
+        )
+    if halo > LARGE_SHARE:
+        lines.append(f"{halo:.0%} of the time went into the halo: {each:.0f} particles a rank are few.")
+    waited = sum(times["max"] - times["mean"] for name, times in stages.items() if name != "halo") / wall
+    if record["ranks"] > 1 and waited > LARGE_SHARE:
+        lines.append(
+            f"Ranks waited for each other for about {waited:.0%} of the time: are there more ranks than free cores, or "
+            "do threads compete (OMP_NUM_THREADS=1)?"
+        )
+    return lines

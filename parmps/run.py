@@ -15,13 +15,14 @@ import numpy as np
 
 import parmps
 from parmps import checkpoint
-from parmps.errors import DivergedError, OutputError
+from parmps.errors import DivergedError, OutputError, StoppedError
+from parmps.interrupt import Interrupt, reason
 from parmps.loader import job_text
 from parmps.output import ParticleFile, ProbeTable, prepare_directory, write_json
 from parmps.particles import FIELDS, FLUID
 from parmps.pressure import petsc_version
 from parmps.probes import build_probes
-from parmps.report import RunLog, timer_table
+from parmps.report import RunLog, advice, timer_table
 from parmps.simulation import COUNTERS, SUMMED, Simulation
 
 
@@ -70,6 +71,8 @@ class Run:
         Where results go.
     restart : path-like, optional
         Directory of the run to continue; its results are continued in place.
+    interrupt : Interrupt, optional
+        Tells when to stop before the end; never by default.
 
     Raises
     ------
@@ -77,8 +80,8 @@ class Run:
         On all ranks.
     """
 
-    def __init__(self, job, domain, directory, restart=None):
-        self.job, self.domain = job, domain
+    def __init__(self, job, domain, directory, restart=None, interrupt=None):
+        self.job, self.domain, self.interrupt = job, domain, interrupt or Interrupt()
         self.directory = Path(directory)
         self.main = domain.rank == 0
         self.simulation = Simulation(job, domain)
@@ -92,8 +95,7 @@ class Run:
         self.frames = Schedule(out.particles_every, end)
         self.saves = Schedule(out.checkpoint_every, end)
         self._open_results(restart is not None)
-        self.wall = self.cpu = 0.0
-        self.status = "running"
+        self._first_step = self.simulation.step_number
         self._good = self.simulation.snapshot()
 
     def _on_main(self, action):
@@ -200,8 +202,12 @@ class Run:
         self._everywhere(self.particle_file.sync)
         self._on_main(lambda: checkpoint.create(path, FIELDS, s.totals["total"], slabs, attributes))
         arrays = {name: np.ascontiguousarray(a) for name, a in p.arrays().items()}
-        self._everywhere(lambda: checkpoint.write_slab(path, self.domain.rank, arrays))
-        self._on_main(lambda: checkpoint.commit(path))
+        try:
+            self._everywhere(lambda: checkpoint.write_slab(path, self.domain.rank, arrays))
+            self._on_main(lambda: checkpoint.commit(path))
+        except OutputError:
+            self._on_main(lambda: checkpoint.discard(path))
+            raise
         s.distribute()
 
     def _read_checkpoint(self, path):
@@ -229,6 +235,8 @@ class Run:
         ------
         DivergedError
             On all ranks, after a checkpoint of the last good state.
+        StoppedError
+            On all ranks, after a checkpoint of the present state.
         OutputError
             On all ranks.
         """
@@ -237,20 +245,20 @@ class Run:
             self._greet()
             self.log.start(s.time, job.time.end)
         self.domain.barrier()
-        start, cpu = clock.perf_counter(), clock.process_time()
+        start = clock.perf_counter(), clock.process_time()
         try:
             self._loop()
-            self.status = "done"
+            self._finish("done", start)
+        except StoppedError as end:
+            self._save()
+            self._finish(str(end), start)
+            raise
         except DivergedError as error:
-            self.status = f"diverged: {error}"
-            self._save_last_good()
+            # a checkpoint of the last sample, from before the solution went wrong
+            s.restore(self._good)
+            self._save()
+            self._finish(f"diverged: {error}", start)
             raise
-        except OutputError as error:
-            self.status = f"failed: {error}"
-            raise
-        finally:
-            self.wall, self.cpu = clock.perf_counter() - start, clock.process_time() - cpu
-        self._finish()
 
     def _loop(self):
         s, end = self.simulation, self.job.time.end
@@ -261,7 +269,9 @@ class Run:
             if self.saves.due(s.time) and s.time > began:
                 self._save()
             s.balance()
-            s.choose_step(min(schedule.after(s.time) for schedule in schedules))
+            request = s.choose_step(min(schedule.after(s.time) for schedule in schedules), self.interrupt.request())
+            if request and s.time < end:
+                raise StoppedError(f"stopped by {reason(request)} at t = {s.time:g} s, step {s.step_number}")
             s.solve()
             if self.samples.due(s.time):
                 self._good = s.snapshot()
@@ -274,11 +284,6 @@ class Run:
             if self.main:
                 self.log.progress(s.time, s.step_number, s.dt, s.solver.iterations)
 
-    def _save_last_good(self):
-        """Write a checkpoint of the last sample, from before the solution went wrong."""
-        self.simulation.restore(self._good)
-        self._save()
-
     def _greet(self):
         s, line = self.simulation, self.log.line
         line(f"parmps {parmps.__version__}: {self.job.title or 'untitled job'}")
@@ -287,27 +292,34 @@ class Run:
             f"spacing {s.l0:g} m, {self.domain.size} rank(s), scheme {self.job.scheme.preset}"
         )
 
-    def _finish(self):
-        record = self.record()
+    def _finish(self, status, start):
+        self.wall, self.cpu = clock.perf_counter() - start[0], clock.process_time() - start[1]
+        record = {"status": status, **self.record()}
+        # measured by the fields of a solved step, which only a run that came to its end holds at this point
+        record["volume_drift"] = self.simulation.volume_drift() if status == "done" else None
         if not self.main:
             return
         self.log.stop()
         write_json(self.directory / "run.json", record)
         line = self.log.line
         line(timer_table(record["stage_seconds"], record["wall_seconds"]))
+        for sentence in advice(record, self.simulation.step_number - self._first_step):
+            line(sentence)
         for item in record["left_tank"]:
             line(f"particle {item['id']} left the tank at {item['position']} m in step {item['step']}")
         line(
             f"{record['steps']} steps, {record['ksp']['iterations_mean']:.1f} iterations a step, "
-            f"{record['ksp']['rebuilds']} multigrid set-ups; volume drift {record['volume_drift']:+.2%}, "
-            f"energy drift {record['energy_drift']:+.2%}"
+            f"{record['ksp']['rebuilds']} multigrid set-ups; energy drift {record['energy_drift']:+.2%}"
         )
+        if status == "done":
+            line(f"volume drift {record['volume_drift']:+.2%}")
+        else:
+            line(f"{status}; to continue: --restart {self.directory}")
         line(f"Results are in {self.directory}; plot them: python postproc/plot_probes.py {self.directory}")
 
-
     def close(self):
-        """Close all files and free the solver."""
-        self.simulation.solver.close()
+        """Close all files and free the solvers."""
+        self.simulation.close()
         self.particle_file.close()
         if self.main:
             self.table.close()
@@ -330,7 +342,6 @@ class Run:
         left = [item for part in domain.gather(s.left) for item in part]
         total = int(kinds.sum())
         return {
-            "status": self.status,
             "ranks": domain.size,
             "steps": s.step_number,
             "simulated_seconds": s.time,
@@ -355,7 +366,6 @@ class Run:
                 "rebuilds": s.solver.rebuilds,
             },
             "time_step": {"min": s.step_min, "max": s.step_max},
-            "volume_drift": s.volume_drift(),
             "energy_drift": s.energy_drift(),
             "peak_memory_bytes": domain.gather(memory),
             "versions": {

@@ -5,14 +5,14 @@ them. What involves several keys at once is checked by :mod:`parmps.checks`.
 """
 
 import os
-from functools import reduce
+from functools import cached_property, reduce
 from operator import or_
 from pathlib import Path
 from typing import Annotated, Literal, get_args
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, ValidationInfo, model_validator
 
-from parmps.checks import check_job
+from parmps.checks import check_job, layer_depths
 from parmps.fields import TAG_MARK, Coordinate, FilePath, Length, Name, Number, Point, Section, setting
 from parmps.scheme import PresetName, Scheme, expand_scheme
 
@@ -71,8 +71,12 @@ class Chamfer(Section):
     top: Legs | None = setting("legs of both upper chamfers: [horizontal, vertical]", "m", None)
 
 
+Corner = Annotated[tuple[Coordinate, ...], Field(min_length=2, max_length=2)]
+Opening = Annotated[tuple[Corner, ...], Field(min_length=2, max_length=2)]
+
+
 class Baffle(Section):
-    """A rigid plate: vertical (x, bottom, top) or horizontal (z, left, right), always with a thickness."""
+    """A rigid plate: vertical (x, bottom, top), horizontal (z, left, right) or a ring (x or z, and ring)."""
 
     thickness: Length = setting("thickness of the plate", "m")
     x: Coordinate | None = setting("centre of a vertical baffle along the length", "m", None)
@@ -83,6 +87,18 @@ class Baffle(Section):
     right: Coordinate | None = setting("right end of a horizontal baffle", "m", None)
     width: Interval | None = setting("extent [y0, y1] across a 3D tank; null: the full width", "m", None)
 
+    ring: Length | None = setting(
+        "width of a ring along the walls of a 3D box or prism, at x or at z: a plate as large as the box around the "
+        "tank with one opening",
+        "m",
+        None,
+    )
+    openings: Annotated[tuple[Opening, ...], Field(max_length=50)] = setting(
+        "openings of a plate in 3D: [[y0, z0], [y1, z1]] in a vertical one, [[x0, y0], [x1, y1]] in a horizontal one",
+        "m",
+        (),
+    )
+
     @property
     def vertical(self):
         """Whether the plate stands (x, bottom, top) rather than lies (z, left, right)."""
@@ -92,14 +108,23 @@ class Baffle(Section):
 class Tank(Section):
     """The tank, with its origin at the inner bottom-left(-front) corner, x along the length, z up."""
 
-    shape: Literal["box", "prism"] = setting(
-        "box, or prism: a box with chamfered edges in its cross-section (x-z in 2D, y-z in 3D)", default="box"
+    shape: Literal["box", "prism", "cylinder", "sphere", "stl"] = setting(
+        "box; prism: a box with chamfered edges in its cross-section (x-z in 2D, y-z in 3D); cylinder: its "
+        "cross-section is a circle, its length along x; sphere, in 3D; stl: a closed surface from a file, in 3D",
+        default="box",
     )
     size: Annotated[tuple[Length, ...], Field(min_length=2, max_length=3)] = setting(
-        "inner size: [length, height] in 2D, [length, width, height] in 3D", "m"
+        "inner size: [length, height] in 2D, [length, width, height] in 3D; of a cylinder, a sphere or a surface "
+        "that of the box around it",
+        "m",
     )
     lid: bool = setting("whether the tank is closed at the top", default=True, strict=True)
     chamfer: Chamfer | None = setting("chamfers of a prism", default=None)
+    surface: InputPath | None = setting(
+        "STL file of a closed surface in m, relative to the job file; it is moved so that the box around it begins "
+        "at the origin",
+        default=None,
+    )
     baffles: Annotated[tuple[Baffle, ...], Field(max_length=100)] = setting(
         "rigid plates inside the tank", default=()
     )
@@ -143,6 +168,9 @@ class Fluid(Section):
     name: Name = setting("name that interfaces, probes and results refer to")
     depth: Length | None = setting(
         "thickness of the layer; layers lie on each other in the order given", "m", None
+    )
+    fill: Annotated[Number, Field(gt=0, le=1)] | None = setting(
+        "share of the tank's volume that the layer fills, baffles not counted, instead of a depth", default=None
     )
     region: Region | None = setting("region filled, instead of a depth", default=None)
     density: Number = setting("density", "kg/m3", 1000.0, ge=1e-3, le=2e4)
@@ -363,6 +391,11 @@ class Job(Section):
     )
     probes: Annotated[tuple[Probe, ...], Field(max_length=1000)] = setting("measurements", default=())
     output: Output = setting("results", default_factory=dict, validate_default=True)
+
+    @cached_property
+    def depths(self):
+        """Thickness of each liquid's layer, m: tuple of float, None for a region."""
+        return layer_depths(self)
 
     @model_validator(mode="before")
     @classmethod

@@ -1,6 +1,7 @@
 """Every key of a job file, generated from the models: as text for people, as JSON Schema for editors."""
 
 import json
+import re
 import textwrap
 import types
 from typing import Annotated, Literal, Union, get_args, get_origin
@@ -13,8 +14,13 @@ from parmps.scene import Job
 _COMPARISONS = (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))
 
 
-def schema_rows():
+def schema_rows(model=Job):
     """List every key of a job file.
+
+    Parameters
+    ----------
+    model : type
+        The `Section` of another file, such as a sweep.
 
     Returns
     -------
@@ -22,14 +28,34 @@ def schema_rows():
         ``(key, type, unit, default, meaning)``, all text. Entries of lists are written ``fluids[].name``;
         where sections of several kinds can stand, as ``motion[](surge, sway, heave).omega``.
     """
-    return list(_rows(Job, ""))
+    return list(_rows(model, ""))
 
 
-def schema_table(width=120):
+def unit_of_key(key):
+    """Return the unit of a key of a job.
+
+    Parameters
+    ----------
+    key : str
+        As ``--set`` takes it, such as ``motion[0].omega``.
+
+    Returns
+    -------
+    str
+        Empty where it has none, or is no key of a single value.
+    """
+    general = re.sub(r"\[\d+\]|\.\d+(?=\.|$)", "[]", key).removesuffix("[]")
+    rows = ((re.sub(r"\(.*?\)", "", row), unit) for row, _, unit, *_ in schema_rows())
+    return next((unit for row, unit in rows if row == general), "")
+
+
+def schema_table(model=Job, width=120):
     """Format the list of keys for reading.
 
     Parameters
     ----------
+    model : type
+        As in `schema_rows`.
     width : int
         Columns of the terminal.
 
@@ -39,20 +65,25 @@ def schema_table(width=120):
         One paragraph a key: key, type, unit and default on the first line, the meaning below.
     """
     lines = []
-    for key, kind, unit, default, meaning in schema_rows():
+    for key, kind, unit, default, meaning in schema_rows(model):
         lines.append(f"{key}: {kind}{f' ({unit})' if unit else ''}, {default}")
         lines += textwrap.wrap(meaning, width, initial_indent="    ", subsequent_indent="    ")
     return "\n".join(lines) + "\n"
 
 
-def json_schema():
+def json_schema(model=Job):
     """JSON Schema of a job file, for completion and checks in editors.
+
+    Parameters
+    ----------
+    model : type
+        As in `schema_rows`.
 
     Returns
     -------
     dict
     """
-    schema = Job.model_json_schema(mode="validation")
+    schema = model.model_json_schema(mode="validation")
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
 
 

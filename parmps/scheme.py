@@ -23,6 +23,7 @@ PRESETS = {
         "gamma": 0.01,
         "collision_distance": 0.8,
         "volume_time": None,
+        "ksp_rtol": 1e-6,
     },
     "fast": {"ksp_rtol": 1e-2},
     "balanced": {},
@@ -53,7 +54,8 @@ class Scheme(Section):
     )
     position: Literal["start", "moved"] = setting(
         "where the pressure equation is solved: at the step's start ([002] eqs. 15-18) or after the explicit "
-        "move ([004])",
+        "move ([004]); the latter with steps of 0.2 l0 / sqrt(f h) at most, f h being the head of the liquid, and "
+        "without suction",
         default="start",
     )
     surface: Literal["ghost", "dirichlet"] = setting(

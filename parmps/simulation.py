@@ -10,13 +10,13 @@ from parmps.errors import DivergedError
 from parmps.interfaces import Near
 from parmps.kernels import density as density_kernels
 from parmps.kernels.shifting import keep_off_walls
-from parmps.kernels.velocity import body_force
+from parmps.kernels.velocity import body_force, greatest_distance, greatest_speed
 from parmps.kernels.weight import lattice
 from parmps.liquids import Liquids
 from parmps.motion import Motion
 from parmps.neighbors import Pairs
 from parmps.particles import FLUID, OUT, Particles
-from parmps.pressure import Blocks, PressureSolver
+from parmps.pressure import Blocks, PressureSolver, VelocitySolver
 from parmps.stages import make_plan, pressure_gradient, smooth_density
 from parmps.tank import initial_velocity, place
 
@@ -32,8 +32,12 @@ STEADY_STEP = 0.25
 """Bound of the step by the body force f: dt <= 0.25 sqrt(l0 / f)."""
 CAPILLARY_STEP = math.sqrt(0.25 / math.pi)
 """Bound of the step by surface tension: dt <= sqrt((rho_1 + rho_2) l0^3 / (4 pi sigma)) (Brackbill 1992)."""
+WAVE_STEP = 0.2
+"""Bound of the step by the liquid's head f h where it moves before its pressure is known: dt <= 0.2 l0 / sqrt(f h)."""
 VISCOUS_STEP = 0.2
-"""Bound of the step by viscosity: dt <= 0.2 l0^2 / nu."""
+"""Bound of the step by explicit viscosity: dt <= 0.2 l0^2 / nu."""
+IMPLICIT_GAIN = 1.5
+"""How much longer the step must get for the implicit viscous step, which costs about half of another step, to pay."""
 
 
 COUNTERS = (
@@ -102,6 +106,8 @@ class Simulation:
     courant, grid_number, activity : float
         Time step in the units that shifting and damping refer to: u dt / l0 with the greatest speed u,
         sqrt(f / l0) dt with the body force f, and the latter plus a fifth of the former.
+    implicit : bool
+        Whether the viscous step is implicit, so that it does not bound the time step.
     contacts, put_back : int
         Of this rank: contacts of close particles, particles put back from walls.
     """
@@ -122,11 +128,13 @@ class Simulation:
         self.wide_lattice = lattice(job.dimension, scheme.volume_radius)
         self.surface_lean = self.lattice.lean
         self.plan = make_plan(job, domain.size)
+        self.seconds = {stage.name: 0.0 for stage in (*self.plan.solve, *self.plan.move)}
         self.solver = PressureSolver(domain.comm, scheme.ksp_rtol)
+        self.velocity_solver = VelocitySolver(domain.comm) if "viscosity" in self.seconds else None
         reach = max(scheme.radius, scheme.laplacian_radius) * self.l0
         moved = scheme.position == "moved"
-        self.pairs = Pairs(reach, self.geometry.boxes, wall_pairs=moved)
-        self.wide_pairs = Pairs(scheme.volume_radius * self.l0, self.geometry.boxes, wall_rows=False)
+        self.pairs = Pairs(reach, self.geometry.walls.solids, wall_pairs=moved)
+        self.wide_pairs = Pairs(scheme.volume_radius * self.l0, self.geometry.walls.solids, wall_rows=False)
         wide = scheme.volume_radius if scheme.volume_time is not None else 0.0
         self.halo_width = (max(scheme.radius, scheme.laplacian_radius, wide) + HALO_MARGIN) * self.l0
         arrays = {
@@ -139,6 +147,7 @@ class Simulation:
         self.time, self.step_number, self.dt = 0.0, 0, 0.0
         self.frame = self.motion.at(0.0)
         self.courant = self.grid_number = self.activity = 0.0
+        self.implicit = False
         self.contacts = self.put_back = 0
         self.left = []
         self.largest_kinetic = 0.0
@@ -146,7 +155,6 @@ class Simulation:
         self.iterations, self.iterations_max = 0, 0
         self.step_min, self.step_max = math.inf, 0.0
         self.floating = Floating(np.full(0, -1), 0)
-        self.seconds = {stage.name: 0.0 for stage in (*self.plan.solve, *self.plan.move)}
         self.started = False
         self.distribute()
         self.initial_energy = self.kinetic_energy()
@@ -163,6 +171,8 @@ class Simulation:
         p = self.particles
         self._first_row = self.domain.first_of(p.rows)
         self.solver.new_layout(p.rows)
+        if self.velocity_solver is not None:
+            self.velocity_solver.new_layout(p.rows)
         self._sorted_at = self.step_number
         self._check_floating = True
         self.rebuild_halo()
@@ -213,13 +223,13 @@ class Simulation:
         self.started = True
         p = self.particles
         velocity = p.velocity[: p.liquid].copy()
-        if not self.plan.solve or self.domain.max(float(np.abs(velocity).max(initial=0.0))) == 0.0:
+        if self.domain.max(float(np.abs(velocity).max(initial=0.0))) == 0.0:
             return
         self.choose_step(self.job.time.max_step or self.job.output.probes_every)
         self.frame = self.frame._replace(
             force=np.zeros(3), alpha=np.zeros(3), omega=np.zeros(3)
         )
-        for stage in self.plan.solve:
+        for stage in self.plan.project:
             stage.run(self)
         pressure_gradient(self)
         p.velocity[: p.liquid] = velocity - self.dt * p.acceleration[: p.liquid]
@@ -295,15 +305,16 @@ class Simulation:
 
     def keep_inside(self):
         """Put particles back that a wall should have stopped, and tell those that left an open tank."""
-        p, g = self.particles, self.geometry
+        p, walls = self.particles, self.geometry.walls
         self.put_back += keep_off_walls(
-            p.position, p.velocity, p.kind, g.container, g.boxes, g.open_top, 0.2 * self.l0, p.liquid
+            p.position, p.velocity, p.kind, walls, 0.2 * self.l0, p.liquid
         )
-        if not g.open_top:
+        if not walls.open_top:
             return
         at = p.position[: p.liquid]
-        above = at[:, 2] > g.container[1, 2]
-        beside = np.any((at < g.container[0]) | (at > g.container[1]), axis=1, where=[True, self.dimension == 3, False])
+        above = at[:, 2] > walls.container[1, 2]
+        outside = (at < walls.container[0]) | (at > walls.container[1])
+        beside = np.any(outside, axis=1, where=[True, self.dimension == 3, False])
         for i in np.flatnonzero(above & beside & (p.kind[: p.liquid] == FLUID)):
             p.kind[i] = OUT
             p.velocity[i] = p.pressure[i] = 0.0
@@ -311,13 +322,20 @@ class Simulation:
 
     # Time
 
-    def choose_step(self, until):
+    def choose_step(self, until, request=0):
         """Choose the time step by the present state, and learn whether the halo still reaches far enough.
 
         Parameters
         ----------
         until : float
             Time of the next output, which a whole number of steps must reach, s.
+        request : int
+            What this rank wants the others to know, such as a request to stop.
+
+        Returns
+        -------
+        int
+            The greatest request of all ranks.
 
         Raises
         ------
@@ -325,13 +343,12 @@ class Simulation:
             On all ranks: a velocity is not finite.
         """
         p = self.particles
-        speed2 = np.einsum("ij,ij->i", p.velocity[: p.liquid], p.velocity[: p.liquid])
-        moved = p.position[: p.owned] - self._halo_position
         largest = [
-            speed2.max(initial=0.0) if np.isfinite(speed2.sum()) else math.inf,
-            np.einsum("ij,ij->i", moved, moved).max(initial=0.0),
+            greatest_speed(p.velocity, p.liquid),
+            greatest_distance(p.position, self._halo_position) if self.domain.size > 1 else 0.0,
+            request,
         ]
-        speed, moved = np.sqrt(self.domain.max(np.array(largest)))
+        speed, moved, request = self.domain.max(np.array(largest, float))
         if not math.isfinite(speed):
             raise DivergedError(f"a velocity is not finite at t = {self.time:g} s, step {self.step_number}")
         self.frame = self.motion.at(self.time)
@@ -343,9 +360,14 @@ class Simulation:
             bounds.append(STEADY_STEP * math.sqrt(self.l0 / force))
         if self.liquids.capillary_rate > 0.0:
             bounds.append(CAPILLARY_STEP * math.sqrt(self.l0**3 / self.liquids.capillary_rate))
-        if "viscosity" in self.seconds:
-            bounds.append(VISCOUS_STEP * self.l0**2 / self.liquids.viscous_rate)
+        if self.scheme.position == "moved":
+            bounds.append(WAVE_STEP * self.l0 / math.sqrt(max(self._head(), 1e-300)))
         left = until - self.time
+        if "viscosity" in self.seconds:
+            explicit = VISCOUS_STEP * self.l0**2 / self.liquids.viscous_rate
+            self.implicit = not self.liquids.several and min(*bounds, left) > IMPLICIT_GAIN * explicit
+            if not self.implicit:
+                bounds.append(explicit)
         steps = max(math.ceil(left / min(bounds) * (1.0 - 1e-9)), 1)
         self.dt = left / steps
         self._end_of_step = until if steps == 1 else self.time + self.dt
@@ -354,6 +376,14 @@ class Simulation:
         self.activity = self.grid_number + 0.2 * self.courant
         # Two particles of different ranks may approach each other, and move once more before the next look.
         self._stale = 2.0 * (moved + speed * self.dt) > HALO_MARGIN * self.l0
+        return int(request)
+
+    def _head(self):
+        """Greatest difference of the body force's potential in the liquid, m2/s2: f h of a depth h."""
+        p = self.particles
+        potential = p.position[: p.liquid] @ self.frame.force
+        ends = [potential.max(initial=-math.inf), (-potential).max(initial=-math.inf)]
+        return float(np.sum(self.domain.max(np.array(ends))))
 
     def solve(self):
         """Find the pressure at the present time."""
@@ -415,6 +445,12 @@ class Simulation:
         self.started = True
         self.particles = Particles(snapshot["arrays"])
         self.distribute()
+
+    def close(self):
+        """Free the solvers."""
+        self.solver.close()
+        if self.velocity_solver is not None:
+            self.velocity_solver.close()
 
     # Sums over the liquid
 

@@ -21,7 +21,8 @@ from parmps.interfaces import (
     label_walls,
     limit_shifting,
 )
-from parmps.kernels import density, gradient, poisson, shifting, velocity
+from parmps.kernels import density, gradient, poisson, shifting, velocity, viscosity
+from parmps.kernels.weight import weight
 from parmps.liquids import Liquids
 from parmps.particles import DUMMY, FLUID, WALL
 
@@ -56,12 +57,15 @@ class Plan(NamedTuple):
 
     Attributes
     ----------
+    project : list of Stage
+        Those that lead to the pressure which an impulsive start needs, once.
     solve, move : list of Stage
         Those that lead to the pressure, after which results are written, and those that move the liquid.
     left_out : list of (str, str)
         Names of stages that the scene does not need, and why.
     """
 
+    project: list
     solve: list
     move: list
     left_out: list
@@ -122,21 +126,24 @@ def make_plan(job, ranks):
         "collision_distance is 0",
     )
     if scheme.position == "moved":
-        explicit = [Stage("body force", "gravity and the tank's motion", add_body_force_to_liquid)]
+        projection = [
+            *halo,
+            *search,
+            Stage("density", "density error and free surface", measure_density),
+            Stage("divergence", "source of the pressure equation", measure_divergence),
+            Stage("pressure", "incompressibility", solve_pressure),
+        ]
         return Plan(
+            projection,
             [],
             [
                 *halo,
                 *search,
-                *explicit,
+                Stage("body force", "gravity and the tank's motion", add_body_force_to_liquid),
                 *viscosity,
                 *contact,
                 Stage("explicit move", "the papers solve the pressure at the moved position", move_explicitly),
-                *halo,
-                *search,
-                Stage("density", "density error and free surface", measure_density),
-                Stage("divergence", "source of the pressure equation", measure_divergence),
-                Stage("pressure", "incompressibility", solve_pressure),
+                *projection,
                 Stage("correction", "pressure gradient moves the liquid", correct),
             ],
             left_out,
@@ -148,12 +155,23 @@ def make_plan(job, ranks):
         measure_volume,
         "volume_time is null",
     )
+    moments = Stage("density", "moments of the neighbourhood and free surface", measure_density)
     return Plan(
         [
             *halo,
             *search,
             *walls,
-            Stage("density", "moments of the neighbourhood and free surface", measure_density),
+            moments,
+            *interfaces,
+            Stage("impulse", "walls stop the initial velocity at once", balance_impulse),
+            Stage("divergence", "source of the pressure equation", measure_divergence),
+            Stage("pressure", "incompressibility", solve_pressure),
+        ],
+        [
+            *halo,
+            *search,
+            *walls,
+            moments,
             *interfaces,
             *curvature,
             *volume,
@@ -189,7 +207,7 @@ def viscosity_matters(job):
         return False, "the viscosity is 0"
     if job.scheme.preset == "papers":
         return True, "the papers' scheme has it"
-    length, depth = job.tank.length, min(job.tank.height, sum(f.depth or job.tank.height for f in job.fluids))
+    length, depth = job.tank.length, min(job.tank.height, sum(depth or job.tank.height for depth in job.depths))
     k = math.pi / length
     rate = math.sqrt(job.gravity * k * math.tanh(k * depth)) if job.gravity > 0.0 else 1.0 / job.time.end
     layer = math.sqrt(2.0 * nu / rate)
@@ -218,8 +236,10 @@ def refresh_halo(sim):
 
 
 def find_neighbours(sim):
-    """List the neighbours within the largest radius."""
+    """List the neighbours within the largest radius, with their weights."""
+    s = sim.scheme
     sim.pairs.find(sim.particles)
+    sim.strength, sim.laplacian_strength = sim.pairs.weigh(sim.l0, s.radius, s.laplacian_radius)
 
 
 def measure_density(sim):
@@ -227,10 +247,9 @@ def measure_density(sim):
     p, s, w = sim.particles, sim.scheme, sim.work
     density.moments(
         p.position,
-        p.kind,
-        *sim.pairs.lists,
+        *sim.pairs.wet,
+        sim.strength,
         sim.l0,
-        s.radius,
         sim.lattice.density,
         sim.dimension,
         w.density,
@@ -238,7 +257,10 @@ def measure_density(sim):
         w.lean,
         w.matrix,
     )
-    density.mark_surface(w.density, w.asymmetry, sim.lattice.density, 0.9 * sim.lattice.asymmetry, w.surface)
+    asymmetry = sim.lattice.asymmetry
+    if s.position == "start" and sim.dimension == 3:  # in 2D the density alone tells particles in corners
+        asymmetry = sim.lattice.corner_asymmetry
+    density.mark_surface(w.density, w.asymmetry, sim.lattice.density, 0.9 * asymmetry, w.surface)
     if s.position == "start":
         w.surface[p.liquid : p.rows] = 0
     else:  # the papers' wall particles can be in the surface, and then have no pressure
@@ -273,7 +295,9 @@ def smooth_density(sim):
     """
     p, s, w = sim.particles, sim.scheme, sim.work
     sim.wide_pairs.find(p)
-    density.smooth_density(p.position, *sim.wide_pairs.lists, sim.l0, s.volume_radius, p.liquid, w.smooth)
+    density.smooth_density(
+        sim.wide_pairs.lists[0], sim.wide_pairs.square, sim.l0, s.volume_radius, p.liquid, w.smooth
+    )
     near = w.near
     near[:] = w.surface
     for _ in range(math.ceil(s.volume_radius / s.radius)):
@@ -302,6 +326,18 @@ def predict(sim):
     w.intermediate[p.kind != FLUID] = 0.0
 
 
+def balance_impulse(sim):
+    """Take the mean of the initial velocity as a body force over one step, and leave the rest to its divergence.
+
+    Pressure balances the body force link by link, so that a jolt of the whole tank is stopped exactly.
+    """
+    p, w = sim.particles, sim.work
+    mean = sim.domain.sum(p.velocity[: p.liquid].sum(axis=0)) / sim.totals["fluid"]
+    p.velocity[p.kind == FLUID] -= mean
+    w.intermediate[:] = p.velocity
+    w.force[:] = w.link_force[:] = mean / sim.dt
+
+
 def add_body_force_to_liquid(sim):
     """v* = v + dt f."""
     p, w = sim.particles, sim.work
@@ -314,37 +350,33 @@ def add_body_force_to_liquid(sim):
 
 
 def add_viscosity(sim):
-    """Add the viscous change of velocity."""
-    p, s = sim.particles, sim.scheme
-    velocity.add_viscosity(
-        p.position,
-        p.velocity,
-        p.kind,
-        p.normal,
-        p.depth,
-        sim.liquids.viscosity,
-        *sim.pairs.lists,
-        sim.l0,
-        s.radius,
-        sim.lattice.density,
-        sim.lattice.lam,
-        sim.dimension,
-        sim.dt,
-        p.liquid,
-        sim.work.intermediate,
-        sim.fluid,
+    """Add the viscous change of velocity: explicit, or implicit where the explicit one needs shorter steps."""
+    p, s, w, lat = sim.particles, sim.scheme, sim.work, sim.lattice
+    operator = (*sim.pairs.lists, sim.l0, s.radius, lat.density, lat.lam, sim.dimension)
+    walls = (p.kind, p.normal, p.depth)
+    table = sim.liquids.viscosity
+    if not sim.implicit:
+        velocity.add_viscosity(
+            p.position, p.velocity, *walls, table, *operator, sim.dt, p.liquid, w.intermediate, sim.fluid
+        )
+        return
+    blocks = sim.blocks()
+    viscosity.viscosity_rows(
+        p.position, *walls, sim.dt * table[0, 0], sim.column, *operator, *blocks.arrays
     )
+    sim.velocity_solver.solve(blocks, w.intermediate[: p.rows], (0, 1, 2) if sim.dimension == 3 else (0, 2))
 
 
 def add_contacts(sim):
     """Stop particles that are about to overlap."""
-    p = sim.particles
+    p, s = sim.particles, sim.scheme
     sim.contacts += velocity.add_contacts(
         p.position,
         p.velocity,
         p.kind,
-        *sim.pairs.lists,
-        sim.scheme.collision_distance * sim.l0,
+        *sim.pairs.wet,
+        sim.strength,
+        weight(s.collision_distance, s.radius) / (s.collision_distance * sim.l0) ** 2,
         p.liquid,
         sim.work.intermediate,
         sim.fluid,
@@ -392,11 +424,9 @@ def measure_divergence(sim):
     velocity.velocity_gradient(
         p.position,
         w.intermediate,
-        p.kind,
-        *sim.pairs.lists,
+        *sim.pairs.wet,
+        sim.strength,
         inverse,
-        sim.l0,
-        s.radius,
         n0,
         sim.dimension,
         rows,
@@ -412,7 +442,8 @@ def measure_divergence(sim):
         w.source[:rows] = (1.0 - s.gamma) * trace / sim.dt - s.gamma * (over - 1.0) / sim.dt**2
         return
     if s.volume_time is not None:
-        trace = trace - p.compression[:rows] / s.volume_time
+        # no faster than it is measured, or long steps would overshoot
+        trace = trace - p.compression[:rows] / max(s.volume_time, 2.0 * VOLUME_EVERY * sim.dt)
     over = over / sim.packing()
     share = min(s.separation * (sim.grid_number + sim.courant), 0.2)
     trace = trace - share * np.maximum(over - s.overdensity, 0.0) / sim.dt
@@ -433,9 +464,9 @@ def solve_pressure(sim):
         w.source,
         p.pressure,
         sim.column,
-        *sim.pairs.lists,
+        *sim.pairs.wet,
+        sim.laplacian_strength,
         sim.l0,
-        s.laplacian_radius,
         lat.density,
         lat.lam,
         sim.dimension,
@@ -452,7 +483,11 @@ def solve_pressure(sim):
         w.bend,
     )
     if sim.check_floating():
-        sim.floating = floating_components(sim.domain, sim.column, blocks, w.surface[: p.rows])
+        held = w.surface[: p.rows]
+        if s.surface == "dirichlet":  # their links are eliminated, so that the next ones hold the rest
+            held = np.empty_like(held)
+            density.spread(w.surface, *sim.pairs.lists, p.rows, held)
+        sim.floating = floating_components(sim.domain, sim.column, blocks, held)
     sim.floating.fix(sim.domain, blocks, w.rhs)
     p.pressure[: p.rows] = sim.solver.solve(blocks, w.rhs, p.pressure[: p.rows])
     sim.floating.level(sim.domain, p.pressure[: p.rows])
@@ -465,8 +500,6 @@ def solve_pressure(sim):
 def accelerate(sim):
     """v^(n+1) = v* + dt (a - grad P / rho), and the damping of grid noise."""
     p, s, w = sim.particles, sim.scheme, sim.work
-    lists = sim.pairs.lists
-    n0 = sim.lattice.density
     pressure_gradient(sim)
     sim.domain.exchange(w.gradient)
     gradient.residual_damping(
@@ -474,10 +507,10 @@ def accelerate(sim):
         w.intermediate,
         p.kind,
         w.gradient,
-        *lists,
-        sim.l0,
-        s.radius,
-        n0,
+        *sim.pairs.wet,
+        sim.strength,
+        sim.lattice.density,
+        sim.dimension,
         s.damping * sim.activity,
         RESIDUAL_DAMPING * sim.dt / sim.l0,
         p.liquid,
@@ -487,15 +520,7 @@ def accelerate(sim):
         sim.liquids.sheet,
         None if w.near_interface is None else w.near_interface.normal,
     )
-    liquid = slice(0, p.liquid)
-    p.velocity[liquid] = (
-        w.intermediate[liquid]
-        + w.change[liquid]
-        + sim.dt * (w.link_force[liquid] - p.acceleration[liquid])
-    )
-    # The next prediction is the mean of this one and what came of it: with the latter alone, rows next to a ragged
-    # surface would answer too strong a prediction with too weak a pressure, and swing with every step.
-    p.acceleration[liquid] = 0.5 * (p.acceleration[liquid] + w.link_force[liquid])
+    velocity.accelerate(w.intermediate, w.change, w.link_force, sim.dt, p.liquid, p.acceleration, p.velocity)
     sim.count_work()
 
 
@@ -506,13 +531,12 @@ def pressure_gradient(sim):
         gradient.corrected_gradient(
             p.position,
             p.pressure,
-            p.kind,
             w.surface,
             w.lean,
-            *sim.pairs.lists,
+            *sim.pairs.wet,
+            sim.strength,
             w.full,
             sim.l0,
-            s.radius,
             sim.lattice.density,
             sim.dimension,
             p.liquid,
@@ -528,8 +552,7 @@ def pressure_gradient(sim):
             p.position,
             p.pressure,
             *sim.pairs.lists,
-            sim.l0,
-            s.radius,
+            sim.strength,
             sim.lattice.density,
             sim.dimension,
             s.gradient == "min",
@@ -545,7 +568,7 @@ def move(sim):
     """r^(n+1) = r^n + dt v^(n+1), with shifting; surface particles keep half a spacing below the surface."""
     p, s, w = sim.particles, sim.scheme, sim.work
     density.surface_normals(
-        p.position, p.kind, w.asymmetry, w.surface, *sim.pairs.lists, sim.l0, s.radius, p.liquid, w.surface_normal
+        p.position, w.asymmetry, w.surface, *sim.pairs.wet, sim.strength, p.liquid, w.surface_normal
     )
     beyond = None
     if w.near_interface is not None:
@@ -571,8 +594,12 @@ def move(sim):
 
 
 def correct(sim):
-    """V = v* - dt grad P / rho, r = r* - dt^2 grad P / rho ([004] eqs. 13 and 14)."""
+    """V = v* - dt grad P / rho, r = r* - dt^2 grad P / rho ([004] eqs. 13 and 14).
+
+    Suction is left out, as most MPS codes do: with P_j + P_i it pulls particles together until the run blows up.
+    """
     p = sim.particles
+    np.maximum(p.pressure, 0.0, out=p.pressure)
     pressure_gradient(sim)
     liquid = slice(0, p.liquid)
     p.velocity[liquid] -= sim.dt * p.acceleration[liquid]

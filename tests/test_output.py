@@ -362,5 +362,6 @@ def test_a_directory_that_cannot_be_written_is_refused():
 
 
 def test_the_modules_know_no_mpi():
-    code = "import sys, parmps.output, parmps.checkpoint, parmps.report; assert 'mpi4py' not in sys.modules"
+    modules = "parmps.output, parmps.checkpoint, parmps.report, parmps.campaign, parmps.figures.page"
+    code = f"import sys, {modules}; assert 'mpi4py' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)

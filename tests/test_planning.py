@@ -1,9 +1,15 @@
 """The plan of a job tells its particles, steps and stages."""
 
+import time
+
+import pytest
+
 from parmps.domain import Domain
+from parmps.figures.start import draw_plan
 from parmps.loader import load_job
-from parmps.planning import draw_plan, plan_text
+from parmps.planning import estimate_particles, plan_text
 from parmps.simulation import Simulation
+from parmps.tank import count_particles
 
 
 def test_plan_counts_the_particles_that_a_run_has_and_names_its_stages():
@@ -28,3 +34,22 @@ def test_the_papers_counts_of_case_1():
 def test_plan_draws_the_start(tmp_path):
     draw_plan(load_job("jobs/sloshing.yaml", ["spacing=0.02"]), tmp_path / "start.png")
     assert (tmp_path / "start.png").stat().st_size > 5000
+
+
+BAFFLE = "tank.baffles=[{x: 0.4, bottom: 0.0, top: 0.3, thickness: 0.02}]"
+
+
+@pytest.mark.parametrize("changes", [[], ["fluids[0].depth=0.5"], [BAFFLE]])
+def test_the_estimate_for_large_tanks_is_near_the_count(changes):
+    job = load_job("jobs/sloshing.yaml", ["spacing=0.004", *changes])
+    exact, _ = count_particles(job, "half")
+    estimate, _ = estimate_particles(job, 3)
+    for name in ("fluid", "wall", "dummy", "total"):
+        assert estimate[name] == pytest.approx(exact[name], rel=0.06), name
+
+
+def test_a_tank_of_any_size_is_planned_at_once():
+    start = time.process_time()
+    text = plan_text(load_job("jobs/sloshing.yaml", ["spacing=1e-5"]), Domain())
+    assert "Particles (an estimate)" in text and "2000000000" in text
+    assert time.process_time() - start < 1.0

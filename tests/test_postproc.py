@@ -5,23 +5,41 @@ import subprocess
 import sys
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
+from parmps import cli
+from parmps.figures.curves import draw_histories, draw_phases, draw_spectra
+from parmps.figures.snapshots import draw_snapshots, make_view
 from parmps.output import ParticleFile, ProbeTable
+from parmps.signals import read_signals
 
 COMMANDS = Path(__file__).parent.parent / "postproc"
 SPACING = 0.01
+JOB = """
+title: Tilted
+dimension: {dimension}
+spacing: 0.01
+tank: {{size: {size}, baffles: [{{x: 0.4, bottom: 0.0, top: 0.1, thickness: 0.02}}]}}
+fluids: [{{name: brine, depth: 0.1}}, {{name: water, depth: 0.15}}]
+motion: [{{kind: pitch, amplitude_deg: 10, omega: 6.469, phase_deg: 0, centre: {centre}}}]
+time: {{end: 3.0}}
+probes: [{{name: P1, kind: pressure, at: {at}}}]
+"""
 
 
-def plot(name, *arguments):
-    command = [sys.executable, COMMANDS / f"{name}.py", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=60)
+def plot(*arguments):
+    """Run the command in this process; its exit status."""
+    with pytest.raises(SystemExit) as end, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["parmps", "plot", *map(str, arguments)])
+        cli.main()
+    return end.value.code
 
 
 def write_probes(directory, seconds=10.0, factor=1.0):
     signals = ["P1 [Pa]", "P2 [Pa]", "eta_left [m]", "eta_right [m]"]
-    loads = ["load force x [N/m]", "load force z [N/m]", "load moment y [N m/m]"]
+    loads = ["load.Fx [N/m]", "load.Fz [N/m]", "load.My [N m/m]"]
     table = ProbeTable.create(directory / "probes.csv", signals + loads)
     with contextlib.closing(table):
         for time in np.arange(0.0, seconds, 0.005):
@@ -43,26 +61,25 @@ def write_particles(directory, width=1):
     keep = ~inside | (position[:, 2] < surface)
     position, inside, wall, surface = position[keep], inside[keep], wall[keep], surface[keep]
     if width == 1:
+        job = JOB.format(dimension=2, size="[0.8, 0.5]", centre="[0.4, 0.0]", at="[0.0, 0.05]")
         position = position[:, [0, 2]]
+    else:
+        size = f"[0.8, {width * SPACING}, 0.5]"
+        job = JOB.format(dimension=3, size=size, centre="[0.4, 0.0, 0.0]", at="[0.0, 0.0, 0.05]")
     n = len(position)
-    ParticleFile.create(
-        directory / "particles.vtkhdf",
-        n,
-        3,
-        {"job": f"spacing: {SPACING}\nfluids: [{{name: brine}}, {{name: water}}]\n"},
-    )
+    ParticleFile.create(directory / "particles.vtkhdf", n, 3, {"job": job})
     with contextlib.closing(ParticleFile.open(directory / "particles.vtkhdf")) as file:
-        for frame in range(2):
+        for frame in range(3):
             velocity = np.zeros_like(position)
             velocity[:, 0] = position[:, -1]
             arrays = {
                 "id": np.arange(n),
                 "type": np.where(inside, 0, np.where(wall, 1, 2)),
                 "fluid": np.where(position[:, -1] > 0.1, 1, 0),
-                "surface": np.zeros(n),
+                "surface": np.abs(surface - position[:, -1]) < SPACING,
                 "position": position,
                 "velocity": velocity,
-                "pressure": np.where(inside, 9800.0 * (surface - position[:, -1]), 0.0),
+                "pressure": (frame + 1) * np.where(inside, 9800.0 * (surface - position[:, -1]), 0.0),
             }
             file.write(frame, 0, arrays)
             file.commit(frame, 0.1 * frame)
@@ -72,45 +89,138 @@ def is_picture(path):
     return path.read_bytes().startswith(b"\x89PNG") and path.stat().st_size > 10_000
 
 
-def test_probes_with_a_reference(tmp_path):
-    (tmp_path / "reference").mkdir()
+@pytest.fixture
+def results(tmp_path):
     write_probes(tmp_path, 3.0)
-    write_probes(tmp_path / "reference", 2.0, 0.9)
-    done = plot("plot_probes", tmp_path, "--reference", tmp_path / "reference" / "probes.csv")
-    assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout.strip() == str(tmp_path / "probes.png")
-    assert is_picture(tmp_path / "probes.png")
+    write_particles(tmp_path)
+    return tmp_path
 
 
-@pytest.mark.parametrize("content", [None, "time [s],P1 [Pa]\n", "time [s],P1 [Pa]\n0,text\n"])
-def test_probes_that_cannot_be_drawn_give_one_message(tmp_path, content):
-    if content:
-        (tmp_path / "probes.csv").write_text(content)
-    done = plot("plot_probes", tmp_path)
-    assert done.returncode == 2
-    assert len(done.stderr.splitlines()) == 1
+def test_histories_show_the_run_and_the_reference(tmp_path):
+    (tmp_path / "other").mkdir()
+    write_probes(tmp_path, 3.0)
+    write_probes(tmp_path / "other", 2.0, 0.9)
+    run, other = read_signals(tmp_path / "probes.csv"), read_signals(tmp_path / "other" / "probes.csv")
+    figure = draw_histories({"a": run}, other)
+    assert len(figure.axes) == 5  # pressure, height, force x, force z, moment
+    panel = figure.axes[0]
+    assert panel.get_ylabel() == "Pressure\n[kPa]"
+    lines = {line.get_label(): line for line in panel.lines}
+    assert list(lines) == ["P1", "P2", "P1 (reference)", "P2 (reference)"]
+    np.testing.assert_allclose(lines["P1"].get_ydata(), run[1][0][2] * 1e-3)
+    np.testing.assert_allclose(lines["P1 (reference)"].get_xdata(), other[0])
+    assert lines["P1 (reference)"].get_color() == "black"
+    assert panel.get_xlim() == (0.0, run[0][-1])
+    both = draw_histories({"a": run, "b": other}).axes[1].lines
+    assert [line.get_label() for line in both] == ["eta_left (a)", "eta_right (a)", "eta_left (b)", "eta_right (b)"]
+    assert both[0].get_color() == both[2].get_color() and both[0].get_linestyle() != both[2].get_linestyle()
 
 
-@pytest.mark.parametrize(("field", "width"), [("pressure", 1), ("speed", 3), ("fluid", 1)])
-def test_particles(tmp_path, field, width):
+def test_spectra_and_phases_show_the_motion(tmp_path):
+    write_probes(tmp_path, 10.0)
+    time, signals = read_signals(tmp_path / "probes.csv")
+    panel = draw_spectra(time, signals[2:3], [6.469]).axes[0]
+    line = panel.lines[0]
+    assert line.get_xdata()[np.argmax(line.get_ydata())] == pytest.approx(6.469 / (2 * np.pi), abs=0.02)
+    assert panel.lines[1].get_xdata()[0] == pytest.approx(6.469 / (2 * np.pi))
+    panel = draw_phases(time, signals[2:3], 6.469).axes[0]
+    mean = panel.lines[-2]
+    assert mean.get_xdata()[np.argmax(mean.get_ydata())] == pytest.approx(90.0, abs=10.0)
+    np.testing.assert_allclose(panel.lines[-1].get_xdata(), 90.0, atol=5.0)
+
+
+def test_snapshots_show_the_tank_where_it_is_and_share_one_scale(results):
+    """At t = 0.2 s the tank is turned by 10 sin(6.469 0.2) = 9.6 degrees, its right end down."""
+    view = make_view(results, "pressure")
+    figure = draw_snapshots(results, view, [0.0, 0.2])
+    first, second = figure.axes[:2]
+    assert first.get_xlim() == second.get_xlim() and first.get_ylim() == second.get_ylim()
+    assert first.collections[0].get_clim() == second.collections[0].get_clim()
+    assert first.get_title(loc="left") == "t = 0.000 s"
+    assert second.get_title(loc="left") == "t = 0.200 s, tank turned by +9.6°"
+    tank, baffle = (patch.get_xy() for patch in second.patches)
+    angle = np.radians(10 * np.sin(6.469 * 0.2))
+    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    corners = np.array([[0.0, 0.0], [0.8, 0.0], [0.8, 0.5], [0.0, 0.5]])
+    np.testing.assert_allclose(tank[:4], [0.4, 0.0] + (corners - [0.4, 0.0]) @ turn.T, atol=1e-12)
+    np.testing.assert_allclose(np.ptp(first.patches[1].get_xy(), axis=0), [0.02, 0.1], atol=1e-12)
+    assert baffle[1, 1] < baffle[0, 1]
+    shown = second.collections[0]
+    with h5py.File(results / "particles.vtkhdf") as file:
+        liquid = np.sum(file["VTKHDF/PointData/type"][: file["VTKHDF/NumberOfPoints"][0]] == 0)
+    assert len(shown.get_offsets()) == len(shown.get_array()) == liquid
+    still = draw_snapshots(results, make_view(results, "pressure", earth=False), [0.2]).axes[0]
+    np.testing.assert_allclose(still.patches[0].get_xy()[:4], corners)
+
+
+@pytest.mark.parametrize(("field", "width"), [("fluid", 1), ("surface", 3)])
+def test_particles(tmp_path, field, width, capsys):
     write_particles(tmp_path, width)
-    done = plot("plot_particles", tmp_path, "--field", field, "--time", "0.02")
-    assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout.strip() == str(tmp_path / f"particles_{field}.png")
+    assert plot("particles", tmp_path, "--field", field, "--time", "0.02", "0.1", "0.2") == 0
+    assert capsys.readouterr().out.strip() == str(tmp_path / f"particles_{field}.png")
     assert is_picture(tmp_path / f"particles_{field}.png")
 
 
-def test_particles_without_a_frame_give_one_message(tmp_path):
-    ParticleFile.create(tmp_path / "particles.vtkhdf", 1, 1, {})
-    done = plot("plot_particles", tmp_path)
-    assert done.returncode == 2
-    assert done.stderr == f"plot_particles: {tmp_path / 'particles.vtkhdf'} has no frame yet\n"
+def test_peaks_and_spectra_commands(results, capsys):
+    assert plot("peaks", results) == 0
+    header, first, *_ = (results / "peaks.csv").read_text().splitlines()
+    assert header.startswith("signal,unit,mean,min,max,at [s],mean of peaks,cycle [s],amplitude,phase [deg]")
+    assert float(first.split(",")[7]) == pytest.approx(2 * np.pi / 6.469, rel=0.1)
+    assert is_picture(results / "phases.png")
+    assert "mean of peaks" in capsys.readouterr().out
+    assert plot("spectra", results, "--signals", "P1", "load.Fx", "--begin", 1) == 0
+    assert is_picture(results / "spectra.png")
+
+
+def test_animation(results):
+    assert plot("animation", results, "--field", "speed", "--rate", 5) == 0
+    from PIL import Image
+
+    with Image.open(results / "particles_speed.gif") as film:
+        assert film.n_frames == 3
+        assert film.info["duration"] == 200
+
+
+def test_a_report_holds_all_pictures_itself(results):
+    assert plot("report", results) == 0
+    page = (results / "report.html").read_text()
+    assert page.count("data:image/png;base64,") == 5  # probes, spectra, phases, pressure, speed
+    assert "<h1>Tilted</h1>" in page and "eta_left" in page and "src=\"http" not in page
+    assert "has not ended yet" in page
+
+
+@pytest.mark.parametrize("content", [None, "time [s],P1 [Pa]\n", "time [s],P1 [Pa]\n0,text\n"])
+def test_probes_that_cannot_be_drawn_give_one_message(tmp_path, content, capsys):
+    if content:
+        (tmp_path / "probes.csv").write_text(content)
+    assert plot("probes", tmp_path) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"parmps: error: {tmp_path / 'probes.csv'}") and error.count("\n") == 1
+
+
+def test_particles_without_a_frame_give_one_message(tmp_path, capsys):
+    job = JOB.format(dimension=2, size="[0.8, 0.5]", centre="[0.4, 0.0]", at="[0.0, 0.05]")
+    ParticleFile.create(tmp_path / "particles.vtkhdf", 1, 1, {"job": job})
+    assert plot("particles", tmp_path) == 2
+    assert capsys.readouterr().err == f"parmps: error: {tmp_path / 'particles.vtkhdf'} has no frame yet\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "picture"), [("plot_probes", "probes.png"), ("plot_particles", "particles_speed.png")]
+)
+def test_the_scripts_are_the_same_commands(results, name, picture):
+    options = ["--field", "speed"] if name == "plot_particles" else []
+    command = [sys.executable, COMMANDS / f"{name}.py", results, *options]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stderr, done.stdout) == (0, "", f"{results / picture}\n")
+    assert is_picture(results / picture)
 
 
 def test_trade_draws_the_pareto_front(tmp_path):
     rows = ["scene,setting,error [%],CPU time [s]", "wave,coarse,8,1", "wave,fine,1,10", "wave,poor,9,5"]
     (tmp_path / "trade.csv").write_text("\n".join([*rows, "wave,broken,diverged at t = 1 s,"]) + "\n")
-    done = plot("trade", tmp_path / "trade.csv")
+    command = [sys.executable, COMMANDS / "trade.py", tmp_path / "trade.csv"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
     table = (tmp_path / "trade.md").read_text()
     assert "| coarse | 8.00 | 1.0 | front |" in table

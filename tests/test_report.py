@@ -4,7 +4,7 @@ import pytest
 
 from parmps import report
 from parmps.errors import OutputError
-from parmps.report import RunLog, duration, timer_table
+from parmps.report import RunLog, advice, duration, timer_table
 
 
 class Clock:
@@ -86,3 +86,28 @@ def test_timer_table_is_sorted_and_adds_up():
     assert lines[3].split()[-3:] == ["3.000", "3.000", "30.0%"]
     assert lines[4].split()[-3:] == ["10.000", "10.000", "100.0%"]
     assert len({len(line) for line in lines}) == 1
+
+
+def record(wall=100.0, ranks=1, iterations=5.0, rebuilds=10, **stages):
+    times = {name: {"max": 1.2 * s if ranks > 1 and name == "move" else s, "mean": s} for name, s in stages.items()}
+    ksp = {"iterations_mean": iterations, "iterations_max": 99, "rebuilds": rebuilds}
+    particles = {"total": 5000}
+    return {"wall_seconds": wall, "ranks": ranks, "stage_seconds": times, "ksp": ksp, "particles": particles}
+
+
+def test_advice_names_what_was_expensive_and_nothing_else():
+    assert advice(record(pressure=50.0, move=45.0), 1000) == []
+    assert advice(record(pressure=95.0, rebuilds=500), 40) == []  # too short to say
+    (often,) = advice(record(pressure=95.0, rebuilds=500), 1000)
+    assert "every 2.0 steps" in often and "output.checkpoint_every" in often
+    assert advice(record(pressure=20.0, move=75.0, rebuilds=500), 1000) == []
+    (many,) = advice(record(pressure=95.0, iterations=80.4), 1000)
+    assert "80 iterations a step" in many and "ksp_rtol" in many
+    (files,) = advice(record(pressure=50.0), 1000)
+    assert "50% of the time" in files and "output.probes_every" in files
+    (halo,) = advice(record(ranks=4, halo=40.0, pressure=55.0), 1000)
+    assert "1250 particles a rank" in halo
+    slow = record(ranks=2, pressure=50.0, move=45.0)
+    slow["stage_seconds"]["pressure"]["max"] = 85.0
+    (waited,) = advice(slow, 1000)
+    assert "44%" in waited and "more ranks than free cores" in waited

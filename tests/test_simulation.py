@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -34,7 +35,7 @@ def start():
 
     yield begin
     for sim in begun:
-        sim.solver.close()
+        sim.close()
 
 
 def march(sim, until):
@@ -191,16 +192,52 @@ def test_papers_scheme_runs_and_has_the_printed_counts(start):
     assert np.abs(p.velocity[: p.liquid]).max() < 1.0
 
 
-def test_papers_scheme_at_rest(start):
+@pytest.mark.parametrize("motion", ["[]", "[{kind: surge, amplitude: 0.02, omega: 6.469}]"])
+def test_papers_scheme_survives(start, motion):
+    """At rest, and after a start with a jolt of 0.13 m/s."""
     sim = start(
-        "dimension: 2\nspacing: 0.01\ntank: {size: [0.25, 0.2]}\nfluids: [{name: water, depth: 0.15}]\n"
-        "time: {end: 1.0, max_step: 1.0e-3}\nscheme: papers\n"
+        "dimension: 2\nspacing: 0.02\ntank: {size: [0.3, 0.75]}\nfluids: [{name: water, depth: 0.5}]\n"
+        "time: {end: 1.0, cfl: 0.4}\nscheme: papers\n",
+        f"motion={motion}",
     )
-    march(sim, 0.1)
+    sim.step(1.0)
+    assert sim.floating.count == 0
+    march(sim, 0.3)
     p = sim.particles
-    deep = np.flatnonzero(p.position[: p.liquid, 2] < 0.03)
-    assert p.pressure[deep].mean() == pytest.approx(RHO * G * (0.15 - 0.02), rel=0.2)
-    assert np.abs(p.velocity[: p.liquid]).max() < 0.5
+    assert np.count_nonzero(p.kind[: p.liquid] == FLUID) == sim.totals["fluid"]
+    deep = np.flatnonzero(p.position[: p.liquid, 2] < 0.1)
+    assert p.pressure[deep].mean() == pytest.approx(RHO * G * (0.5 - 0.06), rel=0.2)
+    assert np.abs(p.velocity[: p.liquid]).max() < 1.5
+    assert abs(sim.volume_drift()) < 0.02
+
+
+@pytest.mark.parametrize(("steps", "implicit"), [(200, False), (20, True)])
+def test_a_vortex_in_a_box_decays_as_stokes_first_mode(start, tmp_path, steps, implicit):
+    """Decay rate nu 52.3447 / L^2 of the slowest mode (Leriche & Labrosse 2004), from a similar stream function."""
+    side, viscosity = 25, 0.5
+    rate = 52.3447 * viscosity
+    points = (np.arange(side) + 0.5) / side
+    x, z = (a.ravel() for a in np.meshgrid(points, points, indexing="ij"))
+    u = 0.01 * np.sin(np.pi * x) ** 2 * np.sin(2 * np.pi * z)
+    w = -0.01 * np.sin(2 * np.pi * x) * np.sin(np.pi * z) ** 2
+    with h5py.File(tmp_path / "vortex.h5", "w") as file:
+        file["position"], file["velocity"] = np.stack([x, z], axis=1), np.stack([u, w], axis=1)
+    end = 1.0 / rate
+    sim = start(
+        f"dimension: 2\nspacing: {1 / side}\ngravity: 0\ntank: {{size: [1, 1]}}\n"
+        f"fluids: [{{name: oil, depth: 1, kinematic_viscosity: {viscosity}}}]\n"
+        f"initial: {{kind: file, path: {tmp_path / 'vortex.h5'}}}\ntime: {{end: {end}, max_step: {end / steps}}}\n"
+    )
+    energy = []
+    while sim.time < end:
+        sim.step(end)
+        assert sim.implicit == implicit
+        energy.append(sim.kinetic_energy())
+    assert len(energy) == steps
+    measured = -0.5 * np.log(energy[-1] / energy[steps // 2 - 1]) / (end / 2)
+    x = rate * end / steps  # the implicit step is backward Euler's
+    expected = rate * np.log1p(x) / x if implicit else rate
+    assert measured == pytest.approx(expected, rel=0.03)
 
 
 def test_a_tilted_full_tank_has_the_pressure_of_the_turned_gravity(start, tmp_path):

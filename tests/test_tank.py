@@ -74,8 +74,8 @@ def test_walls(wall, size, baffles, lid):
     spacing = 0.004 if len(size) == 2 else 0.02
     job = make_job(size, 0.2, spacing, lid, baffles)
     p = place(job, wall)
-    box = p.geometry.container
-    solids = p.geometry.boxes
+    box = p.geometry.walls.container
+    solids = p.geometry.walls.solids
     liquid, walls, dummy = (p.kind == kind for kind in (FLUID, WALL, DUMMY))
     np.testing.assert_array_equal(p.id, np.arange(p.total))
     np.testing.assert_allclose(np.linalg.norm(p.normal[~liquid], axis=1), 1)
@@ -88,7 +88,7 @@ def test_walls(wall, size, baffles, lid):
     assert gap[~liquid].max() < 1e-9
     # from there, the normal leads into the liquid region
     into = surface + 0.1 * p.spacing * p.normal
-    distances = np.array([wall_distance(*x, box, solids, lid == "false")[0] for x in into[walls]])
+    distances = np.array([wall_distance(*x, p.geometry.walls)[0] for x in into[walls]])
     np.testing.assert_array_less(0, distances)
     # dummies lie behind their wall particle
     parent = p.parent[dummy]
@@ -198,7 +198,7 @@ def test_not_yet(more, key):
 def test_wall_distance_against_brute_force():
     rng = np.random.default_rng(3)
     p = place(make_job((0.6, 0.31, 0.5), 0.2, 0.02, baffles=FIN), "half")
-    box, solids = p.geometry.container, p.geometry.boxes
+    box, solids = p.geometry.walls.container, p.geometry.walls.solids
     # dense points on all surfaces
     grid = np.linspace(0, 1, 151)
     u, v = (g.ravel() for g in np.meshgrid(grid, grid))
@@ -210,25 +210,25 @@ def test_wall_distance_against_brute_force():
                 samples.append(low + unit * (high - low))
     tree = cKDTree(np.concatenate(samples))
     for x in rng.uniform(*box, size=(300, 3)):
-        distance, *normal = wall_distance(*x, box, solids, False)
+        distance, *normal = wall_distance(*x, p.geometry.walls)
         if distance > 0:
             assert distance == pytest.approx(tree.query(x)[0], abs=1e-4 + 0.003**2 / max(distance, 1e-3))
         foot = x - distance * np.array(normal)
-        assert wall_distance(*foot, box, solids, False)[0] == pytest.approx(0, abs=1e-12)
+        assert wall_distance(*foot, p.geometry.walls)[0] == pytest.approx(0, abs=1e-12)
         assert np.linalg.norm(normal) == pytest.approx(1)
-    assert wall_distance(0.3, 0.15, -0.1, box, solids, False)[0] == pytest.approx(-0.1)
-    assert wall_distance(0.1, 0.1, 0.49, box, solids, True)[0] == pytest.approx(0.1)
+    assert wall_distance(0.3, 0.15, -0.1, p.geometry.walls)[0] == pytest.approx(-0.1)
+    assert wall_distance(0.1, 0.1, 0.49, p.geometry.walls._replace(open_top=True))[0] == pytest.approx(0.1)
 
 
 def test_wall_distance_in_2d_ignores_y():
     geometry = place(make_job(baffles=POST), "half").geometry
     for x in ((0.1, 0.01), (0.4, 0.1), (0.39, 0.16), (-0.1, 0.2)):
-        near, far = (wall_distance(x[0], y, x[1], geometry.container, geometry.boxes, False) for y in (0, 9))
+        near, far = (wall_distance(x[0], y, x[1], geometry.walls) for y in (0, 9))
         assert near == far and near[2] == 0
 
 
 def test_segments_across_a_baffle():
-    boxes = place(make_job(baffles=POST), "half").geometry.boxes
+    boxes = place(make_job(baffles=POST), "half").geometry.walls.solids
     across = (0.39, 0.0, 0.1, 0.41, 0.0, 0.1)
     assert crosses_solid(*across, boxes)
     assert crosses_solid(0.397, 0.0, 0.1, 0.41, 0.0, 0.1, boxes)  # from its surface

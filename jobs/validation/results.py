@@ -1,17 +1,13 @@
 """What a finished run left behind, for the measurements of the cases."""
 
 import json
-import sys
 from pathlib import Path
 
-import h5py
 import numpy as np
 
-from parmps.loader import parse_job
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "postproc"))
-from plot_particles import FLUID, read_frame  # noqa: E402
-from plot_probes import read_signals  # noqa: E402
+from parmps.figures.results import read_frame, read_job, read_times
+from parmps.particles import FLUID
+from parmps.signals import read_signals
 
 
 class Results:
@@ -34,10 +30,7 @@ class Results:
     def __init__(self, directory):
         self.directory = Path(directory)
         self.record = json.loads((self.directory / "run.json").read_text())
-        self._particles = self.directory / "particles.vtkhdf"
-        with h5py.File(self._particles) as file:
-            self.job = parse_job(file["parmps/attributes/job"].asstr()[()])
-            self.frames = file["VTKHDF/Steps/Values"][()]
+        self.job, self.frames = read_job(directory), read_times(directory)
         self.time, signals = read_signals(self.directory / "probes.csv")
         self._signals = {name: values for name, _, values in signals}
 
@@ -51,7 +44,7 @@ class Results:
 
     def liquid(self, time):
         """Fields of the liquid in the frame nearest to a time: dict of (n, ...) arrays."""
-        arrays = read_frame(self._particles, time)[3]
+        arrays = read_frame(self.directory, time).arrays
         chosen = arrays["type"] == FLUID
         return {name: values[chosen] for name, values in arrays.items()}
 

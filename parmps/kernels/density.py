@@ -5,23 +5,22 @@ import math
 import numpy as np
 
 from parmps.kernels.compiled import compiled
-from parmps.kernels.weight import smooth_weight, weight
+from parmps.kernels.weight import smooth_weight
 
 
 @compiled
-def moments(position, kind, first, other, l0, reach, n0, dimension, density, asymmetry, lean, matrix):
+def moments(position, first, last, other, strength, l0, n0, dimension, density, asymmetry, lean, matrix):
     """Sum the weights around each particle of the rows.
 
     Parameters
     ----------
     position : (n, 3) float64, m
-    kind : (n,) int8
-    first, other
+    first, last, other
         Neighbour lists, as made by `find_pairs`.
+    strength : (pairs,) float64, 1/m2
+        W / r_ij^2, as made by `strengths`.
     l0 : float
         Spacing, m.
-    reach : float
-        Radius r_e, in spacings.
     n0 : float
         Lattice number density.
     dimension : int
@@ -37,40 +36,43 @@ def moments(position, kind, first, other, l0, reach, n0, dimension, density, asy
         particles; the identity on the lattice (Duan 2018).
     """
     scale = dimension / n0
-    for i in range(first.shape[0] - 1):
+    for i in range(last.shape[0]):
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
         n = fx = fy = fz = qx = qy = qz = 0.0
         xx = xy = xz = yy = yz = zz = 0.0
-        for k in range(first[i], first[i + 1]):
-            j = other[k]
-            dx = (position[j, 0] - x) / l0
-            dy = (position[j, 1] - y) / l0
-            dz = (position[j, 2] - z) / l0
+        for k in range(first[i], last[i]):
+            j, s = other[k], strength[k]
+            dx, dy, dz = position[j, 0] - x, position[j, 1] - y, position[j, 2] - z
             r2 = dx * dx + dy * dy + dz * dz
-            if r2 >= reach * reach:
-                continue
+            n += s * r2
             r = math.sqrt(r2)
-            w = weight(r, reach)
-            n += w
-            u = w / r
-            fx -= u * dx
-            fy -= u * dy
-            fz -= u * dz
-            if kind[j] == 2:
-                continue
-            u = w / r2
-            qx -= u * dx
-            qy -= u * dy
-            qz -= u * dz
-            xx += u * dx * dx
-            xy += u * dx * dy
-            xz += u * dx * dz
-            yy += u * dy * dy
-            yz += u * dy * dz
-            zz += u * dz * dz
+            sx, sz = s * dx, s * dz
+            fx -= r * sx
+            fz -= r * sz
+            qx -= sx
+            qz -= sz
+            xx += sx * dx
+            xz += sx * dz
+            zz += sz * dz
+            if dimension == 3:
+                sy = s * dy
+                fy -= r * sy
+                qy -= sy
+                xy += sx * dy
+                yy += sy * dy
+                yz += sy * dz
+        for k in range(last[i], first[i + 1]):
+            j = other[k]
+            dx, dy, dz = position[j, 0] - x, position[j, 1] - y, position[j, 2] - z
+            r2 = dx * dx + dy * dy + dz * dz
+            n += strength[k] * r2
+            s = strength[k] * math.sqrt(r2)
+            fx -= s * dx
+            fy -= s * dy
+            fz -= s * dz
         density[i] = n
         asymmetry[i, 0], asymmetry[i, 1], asymmetry[i, 2] = scale * fx, scale * fy, scale * fz
-        lean[i, 0], lean[i, 1], lean[i, 2] = qx, qy, qz
+        lean[i, 0], lean[i, 1], lean[i, 2] = l0 * qx, l0 * qy, l0 * qz
         matrix[i, 0], matrix[i, 1], matrix[i, 2] = scale * xx, scale * xy, scale * xz
         matrix[i, 3], matrix[i, 4], matrix[i, 5] = scale * yy, scale * yz, scale * zz
 
@@ -158,14 +160,15 @@ def invert(matrix, floor, dimension, inverse):
 
 
 @compiled
-def smooth_density(position, first, other, l0, reach, rows, density):
+def smooth_density(first, square, l0, reach, rows, density):
     """Sum the smooth weight around each fluid particle, itself included.
 
     Parameters
     ----------
-    position : (n, 3) float64, m
-    first, other
-        Neighbour lists that reach at least as far as ``reach``.
+    first : (rows + 1,) int64
+        Where the pairs of each particle begin.
+    square : (pairs,) float64, m2
+        As made by `find_pairs`, for neighbours as far as ``reach`` at least; changed.
     l0 : float
         Spacing, m.
     reach : float
@@ -175,14 +178,13 @@ def smooth_density(position, first, other, l0, reach, rows, density):
     density : (rows,) float64
         Filled.
     """
+    per = 1.0 / (reach * l0)
+    for k in range(first[rows]):
+        square[k] = smooth_weight(math.sqrt(square[k]) * per, 1.0)
     for i in range(rows):
         total = 1.0
         for k in range(first[i], first[i + 1]):
-            j = other[k]
-            dx = (position[j, 0] - position[i, 0]) / l0
-            dy = (position[j, 1] - position[i, 1]) / l0
-            dz = (position[j, 2] - position[i, 2]) / l0
-            total += smooth_weight(math.sqrt(dx * dx + dy * dy + dz * dz), reach)
+            total += square[k]
         density[i] = total
 
 
@@ -255,21 +257,19 @@ def spread(flag, first, other, rows, out):
 
 
 @compiled
-def surface_normals(position, kind, asymmetry, surface, first, other, l0, reach, rows, out):
+def surface_normals(position, asymmetry, surface, first, last, other, strength, rows, out):
     """Normal of the free surface near each particle: the weighted mean of the asymmetry of its neighbours in it.
 
     Parameters
     ----------
     position : (n, 3) float64, m
-    kind : (n,) int8
     asymmetry : (n, 3) float64
     surface : (n,) int8
-    first, other
+        0 for walls.
+    first, last, other
         Neighbour lists.
-    l0 : float
-        Spacing, m.
-    reach : float
-        In spacings.
+    strength : (pairs,) float64, 1/m2
+        W / r_ij^2, as made by `strengths`.
     rows : int
     out : (rows, 3) float64
         Filled: a unit vector out of the liquid, or 0 away from the surface.
@@ -278,19 +278,17 @@ def surface_normals(position, kind, asymmetry, surface, first, other, l0, reach,
         nx = ny = nz = 0.0
         if surface[i] != 0:
             nx, ny, nz = asymmetry[i, 0], asymmetry[i, 1], asymmetry[i, 2]
-        for k in range(first[i], first[i + 1]):
+        for k in range(first[i], last[i]):
             j = other[k]
-            if kind[j] != 0 or surface[j] == 0:
+            if surface[j] == 0:
                 continue
-            dx = (position[j, 0] - position[i, 0]) / l0
-            dy = (position[j, 1] - position[i, 1]) / l0
-            dz = (position[j, 2] - position[i, 2]) / l0
-            r2 = dx * dx + dy * dy + dz * dz
-            if r2 < reach * reach:
-                w = weight(math.sqrt(r2), reach)
-                nx += w * asymmetry[j, 0]
-                ny += w * asymmetry[j, 1]
-                nz += w * asymmetry[j, 2]
+            dx = position[j, 0] - position[i, 0]
+            dy = position[j, 1] - position[i, 1]
+            dz = position[j, 2] - position[i, 2]
+            w = strength[k] * (dx * dx + dy * dy + dz * dz)
+            nx += w * asymmetry[j, 0]
+            ny += w * asymmetry[j, 1]
+            nz += w * asymmetry[j, 2]
         size = math.sqrt(nx * nx + ny * ny + nz * nz)
         if size > 0.0:
             nx, ny, nz = nx / size, ny / size, nz / size

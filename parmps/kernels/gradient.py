@@ -4,21 +4,20 @@ import math
 
 from parmps.kernels.compiled import compiled
 from parmps.kernels.interface import pressure_jump
-from parmps.kernels.weight import weight
 
 
 @compiled
 def corrected_gradient(
     position,
     pressure,
-    kind,
     surface,
     lean,
     first,
+    last,
     other,
+    strength,
     inverse,
     l0,
-    reach,
     n0,
     dimension,
     rows,
@@ -38,60 +37,54 @@ def corrected_gradient(
     ----------
     position : (n, 3) float64, m
     pressure : (n,) float64, Pa
-    kind, surface : (n,) int8
+    surface : (n,) int8
     lean : (rows, 3) float64
         As in `moments`.
-    first, other
+    first, last, other
         Neighbour lists.
+    strength : (pairs,) float64, 1/m2
+        W / r_ij^2, as made by `strengths`.
     inverse : (rows, 6) float64
         Inverse moment matrices, the missing neighbours' moments included.
     l0 : float
         Spacing, m.
-    reach, n0 : float
-        Radius in spacings, and its lattice number density.
+    n0 : float
+        Lattice number density.
     dimension, rows : int
     out : (n, 3) float64, Pa/m
         Filled for the rows.
     fluid, volume, tension, bend
         As in `poisson_rows`: with several liquids it is grad P / rho, times the reference density.
     """
-    scale = dimension / (n0 * l0)
+    scale = dimension / n0
     for i in range(rows):
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
         gx = gy = gz = 0.0
         here = pressure[i] if surface[i] == 0 else max(pressure[i], 0.0)
-        for k in range(first[i], first[i + 1]):
+        for k in range(first[i], last[i]):
             j = other[k]
-            if kind[j] == 2:
-                continue
-            dx = (position[j, 0] - x) / l0
-            dy = (position[j, 1] - y) / l0
-            dz = (position[j, 2] - z) / l0
-            r2 = dx * dx + dy * dy + dz * dz
-            if r2 >= reach * reach:
-                continue
             there = pressure[j] if surface[j] == 0 else max(pressure[j], 0.0)
-            s = weight(math.sqrt(r2), reach) / r2
+            s = strength[k]
             if fluid is None:
                 s *= there - here
             else:
                 if tension is not None:
                     there -= pressure_jump(fluid[i], fluid[j], tension, bend[i], bend[j])
                 s *= volume[fluid[i], fluid[j]] * (there - here)
-            gx += s * dx
-            gy += s * dy
-            gz += s * dz
+            gx += s * (position[j, 0] - x)
+            gz += s * (position[j, 2] - z)
+            if dimension == 3:
+                gy += s * (position[j, 1] - y)
         if surface[i] != 0:
-            s = 2.0 * here
+            s = 2.0 * here / l0
             if fluid is not None:
                 s *= volume[fluid[i], fluid[i]]
             gx -= s * lean[i, 0]
             gy -= s * lean[i, 1]
             gz -= s * lean[i, 2]
-        m = inverse[i]
-        out[i, 0] = scale * (m[0] * gx + m[1] * gy + m[2] * gz)
-        out[i, 1] = scale * (m[1] * gx + m[3] * gy + m[4] * gz)
-        out[i, 2] = scale * (m[2] * gx + m[4] * gy + m[5] * gz)
+        out[i, 0] = scale * (inverse[i, 0] * gx + inverse[i, 1] * gy + inverse[i, 2] * gz)
+        out[i, 1] = scale * (inverse[i, 1] * gx + inverse[i, 3] * gy + inverse[i, 4] * gz)
+        out[i, 2] = scale * (inverse[i, 2] * gx + inverse[i, 4] * gy + inverse[i, 5] * gz)
 
 
 @compiled
@@ -124,7 +117,7 @@ def add_missing_moment(matrix, surface, lean, n0, dimension, out):
 
 
 @compiled
-def paper_gradient(position, pressure, first, other, l0, reach, n0, dimension, minimum, rows, out):
+def paper_gradient(position, pressure, first, other, strength, n0, dimension, minimum, rows, out):
     """Gradient of the papers: D/n0 sum (P_j + P_i) or (P_j - P_min) (r_j - r_i) W / r_ij^2.
 
     The sum is [002] eq. 5 and [004] eq. 5; P_min, the least pressure of the neighbourhood, is [000] eq. 8.
@@ -136,10 +129,10 @@ def paper_gradient(position, pressure, first, other, l0, reach, n0, dimension, m
         Of fluid, wall and dummy particles.
     first, other
         Neighbour lists.
-    l0 : float
-        Spacing, m.
-    reach, n0 : float
-        Radius in spacings, and its lattice number density.
+    strength : (pairs,) float64, 1/m2
+        W / r_ij^2, as made by `strengths`.
+    n0 : float
+        Lattice number density.
     dimension : int
     minimum : bool
         Whether to take P_j - P_min.
@@ -147,7 +140,7 @@ def paper_gradient(position, pressure, first, other, l0, reach, n0, dimension, m
     out : (n, 3) float64, Pa/m
         Filled for the rows.
     """
-    scale = dimension / (n0 * l0)
+    scale = dimension / n0
     for i in range(rows):
         offset = pressure[i]
         if minimum:
@@ -157,15 +150,10 @@ def paper_gradient(position, pressure, first, other, l0, reach, n0, dimension, m
         gx = gy = gz = 0.0
         for k in range(first[i], first[i + 1]):
             j = other[k]
-            dx = (position[j, 0] - position[i, 0]) / l0
-            dy = (position[j, 1] - position[i, 1]) / l0
-            dz = (position[j, 2] - position[i, 2]) / l0
-            r2 = dx * dx + dy * dy + dz * dz
-            if r2 < reach * reach:
-                s = weight(math.sqrt(r2), reach) / r2 * (pressure[j] + offset)
-                gx += s * dx
-                gy += s * dy
-                gz += s * dz
+            s = strength[k] * (pressure[j] + offset)
+            gx += s * (position[j, 0] - position[i, 0])
+            gy += s * (position[j, 1] - position[i, 1])
+            gz += s * (position[j, 2] - position[i, 2])
         out[i, 0], out[i, 1], out[i, 2] = scale * gx, scale * gy, scale * gz
 
 
@@ -176,10 +164,11 @@ def residual_damping(
     kind,
     gradient,
     first,
+    last,
     other,
-    l0,
-    reach,
+    strength,
     n0,
+    dimension,
     base,
     slope,
     rows,
@@ -202,12 +191,13 @@ def residual_damping(
     kind : (n,) int8
     gradient : (n, 9) float64, 1/s
         As in `velocity_gradient`.
-    first, other
+    first, last, other
         Neighbour lists.
-    l0 : float
-        Spacing, m.
-    reach, n0 : float
-        Radius in spacings, and its lattice number density.
+    strength : (pairs,) float64, 1/m2
+        W / r_ij^2, as made by `strengths`.
+    n0 : float
+        Lattice number density.
+    dimension : int
     base, slope : float, 1 and s/m
         Share of the residual removed in this step.
     rows : int
@@ -219,36 +209,34 @@ def residual_damping(
         As in `interface.divergence`.
     """
     for i in range(rows):
+        x, y, z = position[i, 0], position[i, 1], position[i, 2]
+        u, v, w = velocity[i, 0], velocity[i, 1], velocity[i, 2]
         ax = ay = az = 0.0
-        g = gradient[i]
-        for k in range(first[i], first[i + 1]):
+        g, h = gradient[i], gradient
+        for k in range(first[i], last[i]):
             j = other[k]
             if kind[j] != 0:
                 continue
-            dx = position[j, 0] - position[i, 0]
-            dy = position[j, 1] - position[i, 1]
-            dz = position[j, 2] - position[i, 2]
-            r2 = (dx * dx + dy * dy + dz * dz) / (l0 * l0)
-            if r2 >= reach * reach:
-                continue
-            w = weight(math.sqrt(r2), reach)
-            h = gradient[j]
-            dx *= 0.5
-            dy *= 0.5
-            dz *= 0.5
-            rx = velocity[j, 0] - velocity[i, 0] - (g[0] + h[0]) * dx - (g[1] + h[1]) * dy - (g[2] + h[2]) * dz
-            ry = velocity[j, 1] - velocity[i, 1] - (g[3] + h[3]) * dx - (g[4] + h[4]) * dy - (g[5] + h[5]) * dz
-            rz = velocity[j, 2] - velocity[i, 2] - (g[6] + h[6]) * dx - (g[7] + h[7]) * dy - (g[8] + h[8]) * dz
+            dx, dy, dz = position[j, 0] - x, position[j, 1] - y, position[j, 2] - z
+            s = strength[k] * (dx * dx + dy * dy + dz * dz)
+            dx, dy, dz = 0.5 * dx, 0.5 * dy, 0.5 * dz
+            rx = velocity[j, 0] - u - (g[0] + h[j, 0]) * dx - (g[2] + h[j, 2]) * dz
+            rz = velocity[j, 2] - w - (g[6] + h[j, 6]) * dx - (g[8] + h[j, 8]) * dz
+            ry = 0.0
+            if dimension == 3:
+                rx -= (g[1] + h[j, 1]) * dy
+                rz -= (g[7] + h[j, 7]) * dy
+                ry = velocity[j, 1] - v - (g[3] + h[j, 3]) * dx - (g[4] + h[j, 4]) * dy - (g[5] + h[j, 5]) * dz
             if sheet is not None and sheet[fluid[i], fluid[j]]:  # tangentially, liquids may slip
                 nx, ny, nz = normal[i, 0] - normal[j, 0], normal[i, 1] - normal[j, 1], normal[i, 2] - normal[j, 2]
                 along = (rx * nx + ry * ny + rz * nz) / (nx * nx + ny * ny + nz * nz + 1e-300)
                 rx, ry, rz = along * nx, along * ny, along * nz
-            w *= min(base + slope * math.sqrt(rx * rx + ry * ry + rz * rz), 0.3)
+            s *= min(base + slope * math.sqrt(rx * rx + ry * ry + rz * rz), 0.3)
             if fluid is not None:
-                w *= 2.0 * share[fluid[j], fluid[i]]
-            ax += w * rx
-            ay += w * ry
-            az += w * rz
+                s *= 2.0 * share[fluid[j], fluid[i]]
+            ax += s * rx
+            ay += s * ry
+            az += s * rz
         out[i, 0] = ax / n0
         out[i, 1] = ay / n0
         out[i, 2] = az / n0

@@ -4,7 +4,6 @@ import math
 
 from parmps.kernels.compiled import compiled
 from parmps.kernels.interface import pressure_jump
-from parmps.kernels.weight import weight
 
 WEAKEST_WALL = 0.08
 """Least sum of weights of a wall particle's links: that of a particle in the corner of a 3D tank."""
@@ -21,9 +20,10 @@ def poisson_rows(
     pressure,
     column,
     first,
+    last,
     other,
+    strength,
     l0,
-    reach,
     n0,
     lam,
     dimension,
@@ -75,12 +75,14 @@ def poisson_rows(
         Of the step before.
     column : (n,) int32
         Global row number of each particle, -1 for none.
-    first, other
+    first, last, other
         Neighbour lists.
+    strength : (pairs,) float64, 1/m2
+        W / r_ij^2 with the radius of the Laplacian, as made by `strengths`.
     l0 : float
         Spacing, m.
-    reach, n0, lam : float
-        Radius of the Laplacian in spacings, and its lattice constants.
+    n0, lam : float
+        Lattice constants of that radius.
     dimension : int
     density : float
         rho, kg/m3, or the reference density of ``volume``.
@@ -89,7 +91,7 @@ def poisson_rows(
     row_first : (rows + 1,) int32
         Filled: where each row begins.
     columns, values : (capacity,) int32 and float64
-        Filled: the matrix among this rank's rows, with local columns, ascending in each row.
+        Filled: the matrix among this rank's rows, with local columns.
     halo_first, halo_columns, halo_values
         Filled: the rest of the matrix, with global columns.
     at_diagonal : (rows,) int32
@@ -117,41 +119,32 @@ def poisson_rows(
             row_first[i + 1], halo_first[i + 1] = count, beyond
             continue
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
-        diagonal = flux = jumps = total = mx = my = mz = held = 0.0
+        at_diagonal[i] = count
+        count += 1
+        diagonal = flux = jumps = held = 0.0
         own = 1.0
         if fluid is not None:
             own = volume[fluid[i], fluid[i]]
-        at_diagonal[i] = -1
-        for k in range(first[i], first[i + 1]):
+        liquid = kind[i] == 0
+        hx, hy, hz = link_force[i, 0], link_force[i, 1], link_force[i, 2]
+        for k in range(first[i], last[i]):
+            s = strength[k]
+            if s == 0.0:
+                continue
             j = other[k]
-            if j > i and at_diagonal[i] < 0:
-                at_diagonal[i] = count
-                count += 1
-            dx = (position[j, 0] - x) / l0
-            dy = (position[j, 1] - y) / l0
-            dz = (position[j, 2] - z) / l0
-            r2 = dx * dx + dy * dy + dz * dz
-            if r2 >= reach * reach:
-                continue
-            w = weight(math.sqrt(r2), reach)
-            total += w
-            mx -= w * dx
-            my -= w * dy
-            mz -= w * dz
-            if column[j] < 0:
-                continue
-            if kind[i] == 0 and kind[j] == 0:
-                s = 0.5
+            dx, dy, dz = position[j, 0] - x, position[j, 1] - y, position[j, 2] - z
+            w = s * (dx * dx + dy * dy + dz * dz)
+            if liquid and kind[j] == 0:
+                a = 0.5
                 if fluid is not None:
-                    s = share[fluid[i], fluid[j]]
-                fx = s * link_force[i, 0] + (1.0 - s) * link_force[j, 0]
-                fy = s * link_force[i, 1] + (1.0 - s) * link_force[j, 1]
-                fz = s * link_force[i, 2] + (1.0 - s) * link_force[j, 2]
+                    a = share[fluid[i], fluid[j]]
+                b = 1.0 - a
+                fx, fy, fz = a * hx + b * link_force[j, 0], a * hy + b * link_force[j, 1], a * hz + b * link_force[j, 2]
+                flux += w * (fx * dx + fy * dy + fz * dz)
             else:
                 w *= wall_share
-                f = wall_force[j] if kind[i] != 0 else wall_force[i]
-                fx, fy, fz = f[0], f[1], f[2]
-            flux += w * (fx * dx + fy * dy + fz * dz)
+                f = i if liquid else j
+                flux += w * (wall_force[f, 0] * dx + wall_force[f, 1] * dy + wall_force[f, 2] * dz)
             if fluid is not None:
                 w *= volume[fluid[i], fluid[j]]
                 if tension is not None:
@@ -160,16 +153,23 @@ def poisson_rows(
             if surface[j] != 0 and not ghost:
                 continue
             if j < rows:
-                columns[count] = j
-                values[count] = -scale * w
+                columns[count], values[count] = j, -scale * w
                 count += 1
             else:
-                halo_columns[beyond] = column[j]
-                halo_values[beyond] = -scale * w
+                halo_columns[beyond], halo_values[beyond] = column[j], -scale * w
                 beyond += 1
         if surface[i] != 0:
-            diagonal += own * max(2.0 * math.sqrt(mx * mx + my * my + mz * mz), n0 - total)
-            flux += link_force[i, 0] * mx + link_force[i, 1] * my + link_force[i, 2] * mz
+            total = mx = my = mz = 0.0
+            for k in range(first[i], first[i + 1]):
+                j = other[k]
+                dx, dy, dz = position[j, 0] - x, position[j, 1] - y, position[j, 2] - z
+                w = strength[k] * (dx * dx + dy * dy + dz * dz)
+                total += w
+                mx -= w * dx
+                my -= w * dy
+                mz -= w * dz
+            diagonal += own * max(2.0 * math.sqrt(mx * mx + my * my + mz * mz) / l0, n0 - total)
+            flux += hx * mx + hy * my + hz * mz
         if kind[i] != 0:
             # Weak links come and go with every step; with the diagonal following them down to nothing, the
             # preconditioner of an earlier step would magnify these rows. So they are held at the last
@@ -179,9 +179,25 @@ def poisson_rows(
             diagonal = max(diagonal, own * WEAKEST_WALL)
         elif diagonal == 0.0:  # a fluid particle alone
             diagonal = own * n0
-        if at_diagonal[i] < 0:
-            at_diagonal[i] = count
-            count += 1
         columns[at_diagonal[i]], values[at_diagonal[i]] = i, scale * diagonal
-        rhs[i] = held - scale * jumps - density * (source[i] + scale * l0 * flux)
+        rhs[i] = held - scale * jumps - density * (source[i] + scale * flux)
         row_first[i + 1], halo_first[i + 1] = count, beyond
+
+
+@compiled
+def sort_rows(first, columns, values):
+    """Sort the entries of each row by their columns.
+
+    Parameters
+    ----------
+    first : (rows + 1,) int32
+    columns, values : (capacity,) int32 and float64
+        Compressed rows; changed.
+    """
+    for i in range(first.shape[0] - 1):
+        for k in range(first[i] + 1, first[i + 1]):
+            column, value, m = columns[k], values[k], k
+            while m > first[i] and columns[m - 1] > column:
+                columns[m], values[m] = columns[m - 1], values[m - 1]
+                m -= 1
+            columns[m], values[m] = column, value

@@ -94,15 +94,15 @@ def move(
 
 
 @compiled
-def keep_off_walls(position, velocity, kind, container, solids, open_top, least, rows):
+def keep_off_walls(position, velocity, kind, walls, least, rows):
     """Put particles that came too near a wall, or through it, back, and take the speed towards it.
 
     Parameters
     ----------
     position, velocity : (n, 3) float64, m and m/s
     kind : (n,) int8
-    container, solids, open_top
-        Tank and baffles, as in `wall_distance`.
+    walls : Walls
+        Tank and baffles.
     least : float
         Least distance from a wall, m.
     rows : int
@@ -117,7 +117,7 @@ def keep_off_walls(position, velocity, kind, container, solids, open_top, least,
         if kind[i] != 0:
             continue
         for _ in range(3):  # in a corner, one wall after the other
-            d, nx, ny, nz = wall_distance(position[i, 0], position[i, 1], position[i, 2], container, solids, open_top)
+            d, nx, ny, nz = wall_distance(position[i, 0], position[i, 1], position[i, 2], walls)
             if d >= least:
                 break
             count += 1

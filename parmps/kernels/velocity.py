@@ -36,6 +36,50 @@ def body_force(position, velocity, kind, force, alpha, omega, out):
 
 
 @compiled
+def greatest_speed(velocity, rows):
+    """Greatest magnitude of the first velocities, infinite where one is not a finite number.
+
+    Parameters
+    ----------
+    velocity : (n, 3) float64, m/s
+    rows : int
+
+    Returns
+    -------
+    float
+        m/s.
+    """
+    greatest = total = 0.0
+    for i in range(rows):
+        square = velocity[i, 0] ** 2 + velocity[i, 1] ** 2 + velocity[i, 2] ** 2
+        total += square
+        greatest = max(greatest, square)
+    return math.sqrt(greatest) if math.isfinite(total) else math.inf
+
+
+@compiled
+def greatest_distance(position, before):
+    """Greatest distance of particles from where they were.
+
+    Parameters
+    ----------
+    position : (n, 3) float64, m
+    before : (m, 3) float64, m
+        Of the first m particles.
+
+    Returns
+    -------
+    float
+        m.
+    """
+    greatest = 0.0
+    for i in range(before.shape[0]):
+        dx, dy, dz = position[i, 0] - before[i, 0], position[i, 1] - before[i, 1], position[i, 2] - before[i, 2]
+        greatest = max(greatest, dx * dx + dy * dy + dz * dz)
+    return math.sqrt(greatest)
+
+
+@compiled
 def predict_acceleration(last, force, limit, out):
     """Pressure acceleration grad P / rho to expect: the last one, no further than ``limit`` from the body force.
 
@@ -55,6 +99,35 @@ def predict_acceleration(last, force, limit, out):
         out[i, 0] = force[i, 0] + share * dx
         out[i, 1] = force[i, 1] + share * dy
         out[i, 2] = force[i, 2] + share * dz
+
+
+@compiled
+def accelerate(intermediate, change, predicted, dt, rows, acceleration, velocity):
+    """New velocity v = v* + change + dt (a - grad P / rho), and the next prediction of grad P / rho.
+
+    That is the mean of this prediction a and what came of it: with the latter alone, rows next to a ragged
+    surface would answer too strong a prediction with too weak a pressure, and swing with every step.
+
+    Parameters
+    ----------
+    intermediate : (n, 3) float64, m/s
+        v*.
+    change : (rows, 3) float64, m/s
+        By damping.
+    predicted : (n, 3) float64, m/s2
+        a.
+    dt : float
+        s.
+    rows : int
+    acceleration : (n, 3) float64, m/s2
+        grad P / rho; replaced by the next prediction.
+    velocity : (n, 3) float64, m/s
+        Filled for the rows.
+    """
+    for i in range(rows):
+        for d in range(3):
+            velocity[i, d] = intermediate[i, d] + change[i, d] + dt * (predicted[i, d] - acceleration[i, d])
+            acceleration[i, d] = 0.5 * (acceleration[i, d] + predicted[i, d])
 
 
 @compiled
@@ -111,7 +184,7 @@ def reflect_at_walls(position, velocity, kind, normal, depth, first, other, l0, 
 
 
 @compiled
-def velocity_gradient(position, velocity, kind, first, other, inverse, l0, reach, n0, dimension, rows, out):
+def velocity_gradient(position, velocity, first, last, other, strength, inverse, n0, dimension, rows, out):
     """Corrected gradient of the velocity, exact for linear fields; its trace is the divergence.
 
     grad v = D/n0 sum (v_j - v_i) (M_i (r_j - r_i))^T W / r_ij^2, over fluid and wall particles (Duan 2018).
@@ -119,49 +192,37 @@ def velocity_gradient(position, velocity, kind, first, other, inverse, l0, reach
     Parameters
     ----------
     position, velocity : (n, 3) float64, m and m/s
-    kind : (n,) int8
-    first, other
+    first, last, other
         Neighbour lists.
+    strength : (pairs,) float64, 1/m2
+        W / r_ij^2, as made by `strengths`.
     inverse : (rows, 6) float64
         M_i, as made by `invert`.
-    l0 : float
-        Spacing, m.
-    reach : float
-        In spacings.
     n0 : float
     dimension, rows : int
     out : (n, 9) float64, 1/s
         Filled for the rows: dv_a/dx_b at 3 a + b.
     """
-    scale = dimension / (n0 * l0)
+    scale = dimension / n0
     for i in range(rows):
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
         u, v, w = velocity[i, 0], velocity[i, 1], velocity[i, 2]
         uxx = uxy = uxz = vxx = vxy = vxz = wxx = wxy = wxz = 0.0
-        for k in range(first[i], first[i + 1]):
-            j = other[k]
-            if kind[j] == 2:
-                continue
-            dx = (position[j, 0] - x) / l0
-            dy = (position[j, 1] - y) / l0
-            dz = (position[j, 2] - z) / l0
-            r2 = dx * dx + dy * dy + dz * dz
-            if r2 >= reach * reach:
-                continue
-            s = weight(math.sqrt(r2), reach) / r2
-            dx *= s
-            dy *= s
-            dz *= s
-            du, dv, dw = velocity[j, 0] - u, velocity[j, 1] - v, velocity[j, 2] - w
+        for k in range(first[i], last[i]):
+            j, s = other[k], strength[k]
+            dx, dz = s * (position[j, 0] - x), s * (position[j, 2] - z)
+            du, dw = velocity[j, 0] - u, velocity[j, 2] - w
             uxx += du * dx
-            uxy += du * dy
             uxz += du * dz
-            vxx += dv * dx
-            vxy += dv * dy
-            vxz += dv * dz
             wxx += dw * dx
-            wxy += dw * dy
             wxz += dw * dz
+            if dimension == 3:
+                dy, dv = s * (position[j, 1] - y), velocity[j, 1] - v
+                uxy += du * dy
+                vxx += dv * dx
+                vxy += dv * dy
+                vxz += dv * dz
+                wxy += dw * dy
         xx, xy, xz = scale * inverse[i, 0], scale * inverse[i, 1], scale * inverse[i, 2]
         yy, yz, zz = scale * inverse[i, 3], scale * inverse[i, 4], scale * inverse[i, 5]
         out[i, 0] = uxx * xx + uxy * xy + uxz * xz
@@ -260,7 +321,9 @@ def add_viscosity(
 
 
 @compiled
-def add_contacts(position, velocity, kind, first, other, distance, rows, out, fluid=None, share=None):
+def add_contacts(
+    position, velocity, kind, first, last, other, strength, nearest, rows, out, fluid=None, share=None
+):
     """Stop fluid particles that approach each other from nearer than a least distance, without rebound.
 
     Every pair shares the impulse by mass; all pairs act at once, so that the order of the
@@ -270,10 +333,12 @@ def add_contacts(position, velocity, kind, first, other, distance, rows, out, fl
     ----------
     position, velocity : (n, 3) float64, m and m/s
     kind : (n,) int8
-    first, other
+    first, last, other
         Neighbour lists.
-    distance : float
-        Least distance, m.
+    strength : (pairs,) float64, 1/m2
+        W / r_ij^2, as made by `strengths`, which grows as the distance falls.
+    nearest : float, 1/m2
+        That of the least distance.
     rows : int
     out : (n, 3) float64, m/s
         Velocity that is added to, for the rows.
@@ -287,16 +352,15 @@ def add_contacts(position, velocity, kind, first, other, distance, rows, out, fl
     """
     contacts = 0
     for i in range(rows):
-        for k in range(first[i], first[i + 1]):
+        for k in range(first[i], last[i]):
+            if strength[k] <= nearest:
+                continue
             j = other[k]
             if kind[j] != 0:
                 continue
             dx = position[j, 0] - position[i, 0]
             dy = position[j, 1] - position[i, 1]
             dz = position[j, 2] - position[i, 2]
-            r2 = dx * dx + dy * dy + dz * dz
-            if r2 >= distance * distance:
-                continue
             closing = (
                 (velocity[j, 0] - velocity[i, 0]) * dx
                 + (velocity[j, 1] - velocity[i, 1]) * dy
@@ -304,7 +368,7 @@ def add_contacts(position, velocity, kind, first, other, distance, rows, out, fl
             )
             if closing < 0.0:
                 contacts += 1
-                closing *= (0.5 if fluid is None else share[fluid[j], fluid[i]]) / r2
+                closing *= (0.5 if fluid is None else share[fluid[j], fluid[i]]) / (dx * dx + dy * dy + dz * dz)
                 out[i, 0] += closing * dx
                 out[i, 1] += closing * dy
                 out[i, 2] += closing * dz

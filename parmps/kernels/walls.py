@@ -1,4 +1,6 @@
-"""Distance to the walls, and what a baffle hides: the tank as boxes, one point or segment at a time."""
+"""Distance to the walls, and what a baffle hides, one point or segment at a time."""
+
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -6,22 +8,47 @@ from numba import njit
 CHORD = 1e-6  # share of a segment that must lie inside a box; less is a touch, or rounding
 
 
+class Walls(NamedTuple):
+    """The walls of a tank and its baffles: liquid is where all parts of the tank allow it, outside the solids.
+
+    Attributes
+    ----------
+    container : (2, 3) float64, m
+        Lower and upper corner of the tank; infinite along y in 2D, where y then does not matter.
+    open_top : bool
+        Whether the tank has no lid, so that its upper face is no wall.
+    solids : (m, 2, 3) float64, m
+        Lower and upper corners of the baffles, infinite where they pass through a wall.
+    planes : (k, 4) float64, 1 and m
+        Chamfers: unit normal into the tank, and the offset o; the distance is n . r - o.
+    rounds : (k, 7) float64
+        Cylinders and spheres: centre (m), 1 for each axis in which it is round and 0 for that along which it
+        is straight, radius (m).
+    field : (a, b, c) float32, m
+        Distance from a surface without formula, at the nodes of a grid; empty for none.
+    frame : (4,) float64, m
+        First node of the grid, and its step.
+    """
+
+    container: np.ndarray
+    open_top: bool = False
+    solids: np.ndarray = np.empty((0, 2, 3))
+    planes: np.ndarray = np.empty((0, 4))
+    rounds: np.ndarray = np.empty((0, 7))
+    field: np.ndarray = np.empty((0, 0, 0), np.float32)
+    frame: np.ndarray = np.zeros(4)
+
+
 @njit(cache=True, error_model="numpy")
-def wall_distance(x, y, z, container, solids, open_top):
+def wall_distance(x, y, z, walls):
     """Signed distance of a point to the nearest wall surface, and the direction into the liquid region.
 
-    The liquid region is the inside of the container without the solids. A point inside several of the walls
-    and solids gets the surface of the one that it is deepest in.
+    A point inside several of the walls and solids gets the surface of the one that it is deepest in.
 
     Parameters
     ----------
     x, y, z : float64, m
-    container : (2, 3) float64, m
-        Lower and upper corner of the tank; infinite along y in 2D, where y then does not matter.
-    solids : (m, 2, 3) float64, m
-        Lower and upper corners of the baffles, infinite where they pass through a wall.
-    open_top : bool
-        Whether the tank has no lid, so that its upper face is no wall.
+    walls : Walls
 
     Returns
     -------
@@ -30,12 +57,27 @@ def wall_distance(x, y, z, container, solids, open_top):
     nx, ny, nz : float64
         Unit vector from the nearest wall surface into the liquid region.
     """
-    high_z = np.inf if open_top else container[1, 2]
+    container = walls.container
+    high_z = np.inf if walls.open_top else container[1, 2]
     distance, nx, ny, nz = _outward(
         x, y, z, container[0, 0], container[0, 1], container[0, 2], container[1, 0], container[1, 1], high_z
     )
     distance, nx, ny, nz = -distance, -nx, -ny, -nz
-    for solid in solids:
+    for plane in walls.planes:
+        other = plane[0] * x + plane[1] * y + plane[2] * z - plane[3]
+        if other < distance:
+            distance, nx, ny, nz = other, plane[0], plane[1], plane[2]
+    for part in walls.rounds:
+        ox, oy, oz = part[3] * (part[0] - x), part[4] * (part[1] - y), part[5] * (part[2] - z)
+        radius = np.sqrt(ox * ox + oy * oy + oz * oz)
+        if part[6] - radius < distance:
+            distance = part[6] - radius
+            nx, ny, nz = ox / radius, oy / radius, oz / radius
+    if walls.field.size > 0:
+        other, ox, oy, oz = _sampled(x, y, z, walls.field, walls.frame)
+        if other < distance:
+            distance, nx, ny, nz = other, ox, oy, oz
+    for solid in walls.solids:
         other, ox, oy, oz = _outward(
             x, y, z, solid[0, 0], solid[0, 1], solid[0, 2], solid[1, 0], solid[1, 1], solid[1, 2]
         )
@@ -60,6 +102,51 @@ def _outward(x, y, z, x0, y0, z0, x1, y1, z1):
     if dz >= dy:
         return dz, 0.0, 0.0, sz
     return dy, 0.0, sy, 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _sampled(x, y, z, field, frame):
+    """Trilinear interpolation of a sampled distance, and the direction of its increase."""
+    fx, fy, fz = (x - frame[0]) / frame[3], (y - frame[1]) / frame[3], (z - frame[2]) / frame[3]
+    i = min(max(int(np.floor(fx)), 0), field.shape[0] - 2)
+    j = min(max(int(np.floor(fy)), 0), field.shape[1] - 2)
+    k = min(max(int(np.floor(fz)), 0), field.shape[2] - 2)
+    fx, fy, fz = fx - i, fy - j, fz - k
+    value = dx = dy = dz = 0.0
+    for a in range(2):
+        wx, ux = (fx, 1.0) if a else (1.0 - fx, -1.0)
+        for b in range(2):
+            wy, uy = (fy, 1.0) if b else (1.0 - fy, -1.0)
+            for c in range(2):
+                wz, uz = (fz, 1.0) if c else (1.0 - fz, -1.0)
+                node = field[i + a, j + b, k + c]
+                value += wx * wy * wz * node
+                dx += ux * wy * wz * node
+                dy += wx * uy * wz * node
+                dz += wx * wy * uz * node
+    size = max(np.sqrt(dx * dx + dy * dy + dz * dz), 1e-300)
+    return value, dx / size, dy / size, dz / size
+
+
+@njit(cache=True, error_model="numpy")
+def distances(position, walls):
+    """Signed distances of many points to the nearest wall surface, and the directions into the liquid region.
+
+    Parameters
+    ----------
+    position : (n, 3) float64, m
+    walls : Walls
+
+    Returns
+    -------
+    distance : (n,) float64, m
+    normal : (n, 3) float64
+    """
+    distance, normal = np.empty(len(position)), np.empty((len(position), 3))
+    for i in range(len(position)):
+        x, y, z = position[i]
+        distance[i], normal[i, 0], normal[i, 1], normal[i, 2] = wall_distance(x, y, z, walls)
+    return distance, normal
 
 
 @njit(cache=True, error_model="numpy")

@@ -6,12 +6,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from parmps.kernels.compiled import compiled
-
 
 @njit(inline="always")
 def weight(distance, reach):
-    """Non-singular weight W(r) = r_e / (0.85 r + 0.15 r_e) - 1 ([002] eq. 4, [004] eq. 4).
+    """Non-singular weight W(r) = r_e / (0.85 r + 0.15 r_e) - 1, in one fraction ([002] eq. 4, [004] eq. 4).
 
     Parameters
     ----------
@@ -24,10 +22,10 @@ def weight(distance, reach):
     -------
     float
     """
-    return reach / (0.85 * distance + 0.15 * reach) - 1.0
+    return 0.85 * (reach - distance) / (0.85 * distance + 0.15 * reach)
 
 
-@compiled
+@njit(inline="always")
 def smooth_weight(distance, reach):
     """Bell-shaped C2 weight (1 - q)^4 (1 + 4 q), q = r / r_e, not normalised (Wendland 1995).
 
@@ -43,9 +41,7 @@ def smooth_weight(distance, reach):
     -------
     float
     """
-    if distance >= reach:
-        return 0.0
-    q = distance / reach
+    q = min(distance / reach, 1.0)
     return (1.0 - q) ** 4 * (1.0 + 4.0 * q)
 
 
@@ -62,6 +58,8 @@ class Lattice(NamedTuple):
         Number of particles within reach.
     asymmetry : float
         Magnitude |F|0 of the asymmetry vector of a particle in a flat surface ([002] eq. 13).
+    corner_asymmetry : float
+        The same in the corner of a tank, where the walls above the surface fill a part of what it misses.
     surface_density : float
         Number density of a particle in a flat surface, over n0.
     lean : float
@@ -74,6 +72,7 @@ class Lattice(NamedTuple):
     lam: float
     neighbours: int
     asymmetry: float
+    corner_asymmetry: float
     surface_density: float
     lean: float
     smooth_density: float
@@ -102,11 +101,13 @@ def lattice(dimension, reach):
     w = weight.py_func(distance, reach)
     below = points[:, -1] <= 0.0
     unit = points[below] / distance[below, None]
+    walled = below | (points[:, :-1] < 0.0).any(axis=1)
     return Lattice(
         density=w.sum(),
         lam=(w * distance**2).sum() / w.sum(),
         neighbours=len(w),
         asymmetry=dimension / w.sum() * np.linalg.norm((w[below, None] * unit).sum(axis=0)),
+        corner_asymmetry=dimension / w.sum() * np.linalg.norm((w / distance)[walled] @ points[walled]),
         surface_density=w[below].sum() / w.sum(),
         lean=np.linalg.norm((w[below, None] * unit / distance[below, None]).sum(axis=0)),
         smooth_density=1.0 + sum(smooth_weight.py_func(r, reach) for r in distance),

@@ -208,7 +208,7 @@ def march(comm, steps, redistribute, *overrides):
     partial = sim.particle_mass[0] * p.velocity[: p.liquid].sum(axis=0)
     result["momentum of the ranks"] = sim.domain.sum(partial)
     result["mass"] = sim.particle_mass[0] * sim.domain.sum(p.liquid)
-    sim.solver.close()
+    sim.close()
     return result
 
 
@@ -246,6 +246,13 @@ def test_papers_scheme_does_not_depend_on_the_number_of_ranks(comm):
     assert np.abs(many["pressure"] - one["pressure"]).max() < 1e-6 * 1500.0
 
 
+def test_implicit_viscosity_does_not_depend_on_the_number_of_ranks(comm):
+    more = ("fluids[0].kinematic_viscosity=1.0",)
+    one, many = alone(10, *more), march(comm, 10, True, *more)
+    assert np.abs(many["position"] - one["position"]).max() < 1e-8 * one["l0"]
+    assert np.abs(many["velocity"] - one["velocity"]).max() < 1e-7
+
+
 def test_three_dimensions_do_not_depend_on_the_number_of_ranks(comm):
     more = (
         "dimension=3",
@@ -278,7 +285,7 @@ def test_operators_are_the_same_next_to_another_rank(comm):
             halo = np.arange(p.owned, len(p))
             halo = halo[p.kind[halo] != DUMMY]
             np.testing.assert_array_equal(values[halo], result[name][p.id[halo]])
-        sim.solver.close()
+        sim.close()
         return result
 
     total = simulation(comm).totals["total"]

@@ -1,0 +1,330 @@
+"""Where the solver breaks: ``make extremes`` runs a matrix of short jobs, results in ``jobs/extremes/results.md``.
+
+A job survives when nothing is lost or not finite, no particle is beyond a wall, the energy is at most 2 % above what
+was supplied, the volume is held within 2 %, and no step is shorter than a thousandth of the one that the Courant
+number allows at the greatest speed the scene can supply. A job that cannot work must be refused before it runs. With
+names as arguments, only those cases run and nothing is written.
+"""
+
+import argparse
+import datetime
+import json
+import math
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import NamedTuple
+
+import h5py
+import numpy as np
+
+from parmps.domain import Domain
+from parmps.errors import DivergedError, InputError
+from parmps.kernels.walls import wall_distance
+from parmps.loader import parse_job
+from parmps.particles import FLUID
+from parmps.simulation import Simulation
+
+ROOT = Path(__file__).resolve().parents[2]
+MOST = 0.02
+"""Greatest energy above the supply, and greatest relative change of the volume."""
+SHORTEST = 1e-3
+"""Least step, over that of the Courant number."""
+LOOK_EVERY = 5
+
+TANK = """
+dimension: 2
+spacing: 0.01
+tank: {size: [0.4, 0.3]}
+fluids: [{name: water, depth: 0.15}]
+motion: [{kind: surge, amplitude: 0.02, omega: 8.0}]
+time: {end: 0.5, cfl: 0.4}
+"""
+STILL = TANK.replace("motion: [{kind: surge, amplitude: 0.02, omega: 8.0}]\n", "")
+BOX = """
+dimension: 3
+spacing: 0.02
+tank: {size: [0.3, 0.2, 0.2]}
+fluids: [{name: water, depth: 0.1}]
+motion: [{kind: pitch, amplitude_deg: 20, omega: 6.0}]
+time: {end: 0.4, cfl: 0.4}
+"""
+
+
+class Case(NamedTuple):
+    """One run: a job, what is changed in it, and the number of ranks."""
+
+    name: str
+    job: str
+    changes: tuple = ()
+    ranks: tuple = (1,)
+
+
+def scaled(length):
+    """The still tank's liquid, as a column that collapses, in a tank of another length."""
+    s = length / 0.4
+    region = f"{{box: [[0, 0], [{0.1 * s}, {0.2 * s}]]}}"
+    return (
+        f"tank.size=[{length}, {0.3 * s}]", f"spacing={0.01 * s}", f"time.end={0.4 * math.sqrt(s)}",
+        f"output.probes_every={0.1 * math.sqrt(s)}", f"fluids=[{{name: water, region: {region}}}]",
+    )  # fmt: skip
+
+
+def from_file(name):
+    """Take positions and velocities of a file that `write_states` made."""
+    return (f"initial={{kind: file, path: {name}.h5}}",)
+
+
+def write_states(directory):
+    """Write initial states, which no depth or region describes, and a motion."""
+    grid = (np.arange(100) + 0.5) * 0.01
+    x, z = (a.ravel() for a in np.meshgrid(grid, grid, indexing="ij"))
+    rng = np.random.default_rng(1)
+
+    def part(inside, velocity=(0.0, 0.0)):
+        return np.stack([x[inside], z[inside]], axis=1), np.tile(velocity, (np.count_nonzero(inside), 1))
+
+    def write(name, *parts):
+        with h5py.File(directory / f"{name}.h5", "w") as file:
+            file["position"], file["velocity"] = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+
+    pool = (x < 0.4) & (z < 0.08)
+    write("drop", part(pool), part(np.hypot(x - 0.2, z - 0.15) < 0.04, (0.0, -2.0)))
+    between = (z > 0.1) & (z < 0.2)
+    write(
+        "blocks",
+        part(between & (x > 0.09) & (x < 0.19), (25.0, 0.0)),
+        part(between & (x > 0.21) & (x < 0.31), (-25.0, 0.0)),
+    )
+    scattered = []
+    while len(scattered) < 300:
+        point = rng.uniform([0.0, 0.0], [0.4, 0.15])
+        if all(math.dist(point, other) > 0.002 for other in scattered):
+            scattered.append(point)
+    write("random", (np.array(scattered), np.zeros((300, 2))))
+    write("coincident", part(pool), (np.array([[0.105, 0.0451]]), np.zeros((1, 2))))
+    write("outside", part(pool), (np.array([[0.45, 0.1]]), np.zeros((1, 2))))
+    flying = np.array([[0.05, 0.1], [0.35, 0.1], [0.2, 0.25], [0.1, 0.2]])
+    write("flying", (flying, np.array([[3.0, 1.0], [-3.0, 1.0], [0.0, -5.0], [20.0, 7.0]])))
+    (directory / "turning.csv").write_text(
+        "time [s],roll [deg]\n" + "".join(f"{0.1 * n},{36.0 * n}\n" for n in range(12))
+    )
+
+
+def cases():
+    """The matrix.
+
+    Returns
+    -------
+    list of Case
+    """
+    def each(name, key, values, job=TANK, more=()):
+        return [Case(f"{name} {value:g}", job, (*more, f"{key}={value!r}")) for value in values]
+
+    both = (1, 3)
+    jet = "fluids=[{name: water, region: {box: [[0.2, 0.15], [0.35, 0.25]]}}]"
+    jet_velocity = "initial={kind: velocity, fluid: water, value: [-10, -10]}"
+    column = "fluids=[{name: water, region: {box: [[0, 0], [0.1, 0.2]]}}]"
+    narrow = ("tank.size=[0.05, 0.4]", "fluids[0].depth=0.2", "time.end=0.1")
+    kept = "motion=[{kind: surge, amplitude: 0.001, omega: 8.0}]"
+    return [
+        Case("surge", TANK, (), both),
+        *each("Courant number", "time.cfl", [0.02, 0.1, 1.0]),
+        *each("Courant number above 1:", "time.cfl", [1.5]),
+        Case("rows 3", TANK, ("spacing=0.05",), both),
+        Case("rows 6", TANK, ("spacing=0.025",)),
+        Case("rows 50", TANK, ("spacing=0.004", *narrow)),
+        Case("rows 200", TANK, ("spacing=0.001", *narrow, "time.end=0.03"), both),
+        *[Case(f"depth of {n} rows", TANK, (f"fluids[0].depth={n * 0.01}",), both) for n in (1, 2, 3)],
+        Case("fill 1 %", TANK, ("spacing=0.003", "fluids[0].depth=0.003")),
+        Case("fill 99.9 %", TANK, ("fluids[0].depth=0.2997",), both),
+        Case("fill 100 %", TANK, ("fluids[0].depth=0.3",), both),
+        Case("overfull", TANK, ("fluids[0].depth=0.31",)),
+        *each("gravity", "gravity", [0.0, 9.8, 300.0, 1000.0]),
+        *each("gravity above the range:", "gravity", [1e4]),
+        *each("kinematic viscosity", "fluids[0].kinematic_viscosity", [0.0, 1e-6, 1e-3, 0.1, 1.0, 100.0]),
+        Case("kinematic viscosity 10", TANK, ("fluids[0].kinematic_viscosity=10",), both),
+        *each("kinematic viscosity above the range:", "fluids[0].kinematic_viscosity", [1e3]),
+        *each("density", "fluids[0].density", [1e-3, 1.0, 2e4]),
+        *each("density out of range:", "fluids[0].density", [1e-4, 1e5]),
+        Case("surge of 5 g", TANK, ("motion=[{kind: surge, amplitude: 0.05, omega: 31.3}]",), both),
+        Case("heave of 5 g", TANK, ("motion=[{kind: heave, amplitude: 0.05, omega: 31.3}]",)),
+        Case("roll of 90 degrees", TANK, ("motion=[{kind: roll, amplitude_deg: 90, omega: 6.0}]",), both),
+        Case("continuous rotation", TANK, ("motion=[{kind: file, path: turning.csv, centre: [0.2, 0.15]}]",), both),
+        *[Case(f"tank of {length:g} m", STILL, scaled(length)) for length in (1e-3, 1e-2, 1.0, 100.0, 1e3)],
+        Case("column that collapses", STILL, (column, "time.end=1.0"), both),
+        Case("column with a thin baffle", STILL, (
+            column, "tank.baffles=[{x: 0.2, bottom: 0, top: 0.05, thickness: 0.002}]", "time.end=1.0",
+        )),
+        Case("column in an open tank", STILL, (column, "tank.lid=false", "tank.size=[0.4, 0.2]", "time.end=1.0")),
+        Case("jet onto a corner", STILL, (jet, jet_velocity, "time.end=0.1"), both),
+        Case("drop falls into a pool", STILL, from_file("drop"), both),
+        Case("blocks collide at 50 m/s", STILL, (*from_file("blocks"), "time.end=0.02"), both),
+        Case("random positions", STILL, from_file("random")),
+        Case("coincident particles", STILL, from_file("coincident")),
+        Case("particle outside the tank", STILL, from_file("outside")),
+        Case("single particles in flight", STILL, from_file("flying"), both),
+        *each("papers, gamma", "scheme.gamma", [0.0, 0.01, 1.0], STILL, ("scheme.preset=papers", "time.end=0.3")),
+        *each("tolerance", "scheme.ksp_rtol", [0.1, 1e-14]),
+        *each("tolerance out of range:", "scheme.ksp_rtol", [1.0, 1e-16]),
+        *each("radius", "scheme.radius", [1.6, 3.1, 5.0]),
+        *each("radius of the Laplacian", "scheme.laplacian_radius", [1.6, 3.1, 4.01, 5.0]),
+        *each("both radii 5: Laplacian", "scheme.laplacian_radius", [5.0], TANK, ("scheme.radius=5",)),
+        *each("radius out of range:", "scheme.radius", [1.0, 6.0]),
+        *each("radius of the volume", "scheme.volume_radius", [1.6, 5.0]),
+        *each("relaxation of the volume", "scheme.volume_time", [1e-3, 100.0]),
+        *each("shifting", "scheme.shifting", [0.0, 10.0], TANK, (kept,)),
+        *each("damping", "scheme.damping", [0.0, 10.0], TANK, (kept,)),
+        *[Case(f"preset {name}", TANK, (f"scheme={name}",)) for name in ("fast", "accurate")],
+        Case("preset papers", TANK, ("scheme=papers", "time.end=0.3")),
+        Case("3D pitch", BOX, (), both),
+        Case("3D full", BOX, ("fluids[0].depth=0.2",)),
+        Case("3D jet onto a corner", BOX, (
+            "motion=[]", "fluids=[{name: water, region: {box: [[0.1, 0.06, 0.06], [0.2, 0.14, 0.14]]}}]",
+            "initial={kind: velocity, fluid: water, value: [-10, -10, -10]}", "time.end=0.05",
+        ), both),
+    ]  # fmt: skip
+
+
+def attempt(case, directory):
+    """Run one case on the ranks of this process.
+
+    Parameters
+    ----------
+    case : Case
+    directory : path
+        Of the states that `write_states` wrote.
+
+    Returns
+    -------
+    verdict : {"survived", "refused", "failed"}
+    str
+        Why, or with what figures.
+    """
+    os.chdir(directory)
+    try:
+        sim = Simulation(parse_job(case.job, case.changes), Domain())
+    except InputError as error:
+        return "refused", str(error)
+    try:
+        return judge(sim)
+    except DivergedError as error:
+        return "failed", str(error)
+    finally:
+        sim.close()
+
+
+def judge(sim):
+    """March to the end, and look at what must not happen."""
+    end, worst, fault = sim.job.time.end, {"energy": -math.inf, "volume": 0.0, "beyond": 0.0}, None
+    shortest = math.inf
+    allowed = sim.job.time.cfl * sim.l0 / max(supplied_speed(sim), 1e-300)
+    while sim.time < end and fault is None:
+        sim.step(end)
+        last = sim.time >= end
+        if not last:  # the last step ends where the job does
+            shortest = min(shortest, sim.dt / allowed)
+        if last or sim.step_number % LOOK_EVERY == 0:
+            fault = look(sim, worst)
+    if fault is None and shortest < SHORTEST:
+        fault = f"a step of {shortest:.1g} of the Courant number's"
+    figures = (
+        f"{sim.totals['fluid']} particles, {sim.step_number} steps, energy {worst['energy']:+.1%}, "
+        f"volume {worst['volume']:+.1%}"
+    )
+    return ("survived", figures) if fault is None else ("failed", f"{fault} at {sim.time:.3g} s; {figures}")
+
+
+def look(sim, worst):
+    """Find a fault in the present state, or None."""
+    p, g = sim.particles, sim.geometry
+    liquid = p.kind[: p.liquid] == FLUID
+    arrays = p.position[: p.liquid], p.velocity[: p.liquid], p.pressure[: p.rows]
+    finite = sim.domain.min(float(all(np.isfinite(a).all() for a in arrays)))
+    if not finite:
+        return "not finite"
+    if sim.domain.sum(float(p.liquid)) != sim.totals["fluid"]:
+        return "particles lost"
+    gaps = [wall_distance(*at, g.walls)[0] for at in p.position[: p.liquid][liquid]]
+    if sim.domain.min(float(min(gaps, default=0.0))) < -1e-9 * sim.l0:
+        return "a particle beyond a wall"
+    worst["energy"] = max(worst["energy"], sim.energy_drift())
+    volume = sim.volume_drift()
+    worst["volume"] = max(worst["volume"], volume, key=abs)
+    if worst["energy"] > MOST:
+        return "more energy than was supplied"
+    return "the volume changed" if abs(volume) > MOST else None
+
+
+def supplied_speed(sim):
+    """Greatest speed that the initial state, gravity over the tank's diagonal and the motion can give, m/s."""
+    size, frames = sim.job.tank.size, [sim.motion.at(t) for t in np.linspace(0.0, sim.job.time.end, 50)]
+    reach = math.hypot(*size)
+    p = sim.particles
+    start = float(np.linalg.norm(p.velocity[: p.liquid], axis=1).max(initial=0.0))
+    force = max(np.linalg.norm(f.force) + reach * np.linalg.norm(f.alpha) for f in frames)
+    turn = max(np.linalg.norm(f.omega) for f in frames)
+    return sim.domain.max(start) + math.sqrt(2.0 * force * reach) + turn * reach
+
+
+def on_ranks(name, ranks, directory):
+    """Run one case under mpirun."""
+    command = ["mpirun", "--oversubscribe", "-n", str(ranks), sys.executable, __file__, "--part", name, directory]
+    env = os.environ | {"OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(command, env=env, capture_output=True, text=True, check=False, timeout=600)
+    if done.returncode:
+        return "failed", done.stderr.strip().splitlines()[-1]
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def main():
+    """Run the matrix, or with --part one case in the processes of mpirun."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("names", nargs="*", help="cases to run; all if none is given")
+    parser.add_argument("--part", nargs=2, metavar=("NAME", "DIRECTORY"), help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.part:
+        case = next(case for case in cases() if case.name == options.part[0])
+        verdict = attempt(case, options.part[1])
+        if Domain().rank == 0:
+            print(json.dumps(verdict))
+        return
+    rows = []
+    with tempfile.TemporaryDirectory() as directory:
+        write_states(Path(directory))
+        for case in cases():
+            for ranks in case.ranks:
+                if options.names and case.name not in options.names:
+                    continue
+                verdict, why = attempt(case, directory) if ranks == 1 else on_ranks(case.name, ranks, directory)
+                rows.append((case.name, ranks, verdict, " ".join(why.replace("|", "/").split())))
+                print(f"{case.name:40} {ranks} rank(s)  {verdict:9} {rows[-1][3]}", flush=True)
+        os.chdir(ROOT)
+    counts = {verdict: sum(row[2] == verdict for row in rows) for verdict in ("survived", "refused", "failed")}
+    total = f"{len(rows)} runs: " + ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
+    print(total)
+    if not options.names:
+        write_results(rows, total)
+    sys.exit(counts["failed"] > 0)
+
+
+def write_results(rows, total):
+    """Write the table, with what made it."""
+    commit = subprocess.run(["git", "-C", ROOT, "rev-parse", "--short", "HEAD"], capture_output=True, text=True)
+    info = Path("/proc/cpuinfo").read_text().splitlines()
+    model = next(line.split(":")[1].strip() for line in info if line.startswith("model name"))
+    lines = [
+        f"{total}.", "",
+        f"`make extremes` at commit {commit.stdout.strip()} on {datetime.date.today()}: {os.cpu_count()} cores, {model}. "
+        "What survived means is said in `run.py`; energy and volume are the worst of the run. Tanks other than boxes "
+        "and several liquids are left out.",
+        "", "| case | ranks | result | |", "|---|---|---|---|",
+        *(f"| {name} | {ranks} | {verdict} | {why} |" for name, ranks, verdict, why in rows),
+    ]  # fmt: skip
+    (ROOT / "jobs" / "extremes" / "results.md").write_text("\n".join(lines) + "\n")
+
+
+if __name__ == "__main__":
+    main()

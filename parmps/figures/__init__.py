@@ -1,0 +1,1 @@
+"""Pictures, tables and pages of results; the only part that needs matplotlib."""

@@ -1,0 +1,116 @@
+"""Reading what a run left behind, for figures: its job, its signals, its frames."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import h5py
+import numpy as np
+
+from parmps.errors import InputError
+from parmps.loader import parse_job
+
+
+class Frame(NamedTuple):
+    """The particles at one time.
+
+    Attributes
+    ----------
+    time : float
+        s.
+    arrays : dict of str to ndarray
+        ``position`` (n, 3), m, and all point data.
+    """
+
+    time: float
+    arrays: dict
+
+
+def read_job(directory):
+    """Read the job of a run.
+
+    Parameters
+    ----------
+    directory : path-like
+        Output directory.
+
+    Returns
+    -------
+    Job
+
+    Raises
+    ------
+    InputError
+        If there is none, or it is not valid here: its motion file is no longer in its place.
+    """
+    return parse_job(_open(directory, lambda file: file["parmps/attributes/job"].asstr()[()]), source="the run's job")
+
+
+def read_times(directory):
+    """Times of all frames of a run.
+
+    Parameters
+    ----------
+    directory : path-like
+        Output directory.
+
+    Returns
+    -------
+    (frames,) float64
+        s.
+
+    Raises
+    ------
+    InputError
+        If there is no frame yet.
+    """
+    times = _open(directory, lambda file: file["VTKHDF/Steps/Values"][()])
+    if not len(times):
+        raise InputError("", f"{_path(directory)} has no frame yet")
+    return times
+
+
+def read_frame(directory, time=None):
+    """Read the frame nearest to a time.
+
+    Parameters
+    ----------
+    directory : path-like
+        Output directory.
+    time : float, optional
+        s; the last frame if not given.
+
+    Returns
+    -------
+    Frame
+
+    Raises
+    ------
+    InputError
+        If it cannot be read.
+    """
+    times = read_times(directory)
+    number = len(times) - 1 if time is None else int(np.abs(times - time).argmin())
+
+    def read(file):
+        group = file["VTKHDF"]
+        first = group["Steps/PointOffsets"][number]
+        part = slice(first, first + group["NumberOfPoints"][0])
+        arrays = {name: array[part] for name, array in group["PointData"].items()}
+        return arrays | {"position": group["Points"][part]}
+
+    return Frame(float(times[number]), _open(directory, read))
+
+
+def _path(directory):
+    return Path(directory) / "particles.vtkhdf"
+
+
+def _open(directory, read):
+    path = _path(directory)
+    if not path.exists():
+        raise InputError("", f"{path}: no such file")
+    try:
+        with h5py.File(path, "r") as file:
+            return read(file)
+    except (OSError, KeyError) as error:
+        raise InputError("", f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None

@@ -1,0 +1,140 @@
+"""What all figures share: colours, panels, and how a figure is saved."""
+
+from pathlib import Path
+
+try:
+    import matplotlib
+except ImportError:
+    from parmps.errors import InputError
+
+    raise InputError("", "figures need matplotlib: pip install matplotlib") from None
+
+from parmps.slabs import output_errors
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+"""Okabe and Ito's palette, distinguishable by the colour-blind; without its yellow, too pale for lines."""
+FLUID_COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9")
+"""The same in an order for areas."""
+LINES = ("-", "--", ":", "-.")
+"""Line styles of several runs in one panel."""
+REFERENCE = {"color": "black", "linewidth": 1.0}
+SOLID = "0.35"
+"""Colour of tanks and baffles."""
+
+QUANTITIES = {
+    "Pa": "Pressure",
+    "m": "Height",
+    "N": "Force",
+    "N/m": "Force per width",
+    "N m": "Moment",
+    "N m/m": "Moment per width",
+    "m/s": "Velocity",
+}
+"""What a unit stands for, in the order of the panels."""
+
+WIDTH = 9.0
+"""Of a figure, inches."""
+
+
+def new_figure(height, show=False):
+    """Make an empty figure.
+
+    Parameters
+    ----------
+    height : float
+        Inches.
+    show : bool
+        Whether it is to be shown in a window as well.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    if not show:
+        matplotlib.use("Agg")
+    from matplotlib import pyplot  # after the choice of the backend
+
+    return pyplot.figure(figsize=(WIDTH, height), layout="constrained")
+
+
+def save(figure, path):
+    """Write a figure to a file and close it.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    path : path-like
+        Its ending chooses the format.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written.
+    """
+    from matplotlib import pyplot
+
+    with output_errors(path):
+        figure.savefig(path, dpi=150)
+    pyplot.close(figure)
+    return Path(path)
+
+
+def finish_panel(panel, legend=True):
+    """Give a panel of curves its grid and legend.
+
+    Parameters
+    ----------
+    panel : matplotlib.axes.Axes
+    legend : bool
+        Whether it needs one.
+    """
+    panel.grid(alpha=0.3)
+    panel.spines[["top", "right"]].set_visible(False)
+    if legend:
+        panel.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+
+
+def panel_key(name, unit):
+    """Tell what the signals of one panel share, such that panels sort in their order.
+
+    Parameters
+    ----------
+    name, unit : str
+        Of a signal. Forces and moments whose name ends in x, y or z are kept apart by that component: the
+        weight of the liquid would flatten the others.
+
+    Returns
+    -------
+    tuple
+        Rank of the unit, unit and component.
+    """
+    known = list(QUANTITIES)
+    component = name[-1:] if unit.startswith("N") and name[-1:] in ("x", "y", "z") else ""
+    return (known.index(unit) if unit in known else len(known), unit, component)
+
+
+def scaled_label(key, largest):
+    """Choose the scale of a panel, and its label.
+
+    Parameters
+    ----------
+    key : tuple
+        As returned by `panel_key`.
+    largest : float
+        Greatest absolute value shown.
+
+    Returns
+    -------
+    scale : float
+        To multiply values by.
+    label : str
+        Quantity and unit.
+    """
+    _, unit, component = key
+    scale, prefix = (1e-3, "k") if unit.startswith(("Pa", "N")) and largest >= 2000.0 else (1.0, "")
+    quantity = " ".join([QUANTITIES.get(unit, "Signal"), component]).strip()
+    return scale, f"{quantity}\n[{prefix}{unit or '-'}]"

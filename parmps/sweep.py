@@ -1,0 +1,221 @@
+"""A sweep: a base job and the values that its cases change, as a validated model of ``SWEEP.yaml``.
+
+The keys of a sweep file are declared here and nowhere else, with the same means as those of a job.
+"""
+
+import itertools
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, ValidationInfo, model_validator
+from scipy.stats import qmc
+
+from parmps.errors import InputError
+from parmps.fields import Name, Number, Section, setting, show, validated
+from parmps.loader import parse_job, read_text, read_yaml
+from parmps.scene import InputPath, Job
+from parmps.signals import MEASURES
+from parmps.tank import require_supported
+
+MAX_CASES = 10_000
+
+Key = Annotated[str, Field(min_length=1, max_length=200)]
+Values = dict[Key, Any]
+Option = Annotated[str, Field(pattern=r"^--?[^\s\x00-\x1f][^\x00-\x1f]*$", max_length=200)]
+Range = Annotated[tuple[Number, ...], Field(min_length=2, max_length=2)]
+
+
+class Sample(Section):
+    """A Latin-hypercube sample of several keys."""
+
+    count: int = setting("number of cases", ge=1, le=MAX_CASES, strict=True)
+    seed: int = setting("seed of the random numbers; the same seed gives the same cases", default=1, ge=0, strict=True)
+    ranges: Annotated[dict[Key, Range], Field(min_length=1)] = setting("[least, greatest] value of each key of the job")
+
+
+class Measure(Section):
+    """One number a case: a column of results.csv and a figure."""
+
+    name: Name = setting("name of the measure, in results.csv and as the title of its figure")
+    column: Annotated[str, Field(min_length=1, max_length=200)] = setting("column of probes.csv, such as P1 or load.Fx")
+    kind: Literal[tuple(MEASURES)] = setting(", ".join(f"{kind}: {what}" for kind, (what, _, _) in MEASURES.items()))
+    begin: Number = setting("start of the window", "s", 0.0, ge=0)
+    end: Number | None = setting("end of the window; null: the end of the run", "s", None)
+    reference: InputPath | None = setting(
+        "CSV file drawn beside the results, relative to the sweep file: columns of varied keys, then the measure",
+        default=None,
+    )
+
+
+class Runs(Section):
+    """Where and how the cases run."""
+
+    directory: InputPath = setting(
+        "directory of the cases and results.csv, relative to the sweep file; left out: out/ and the sweep file's name",
+        default="out/sweep",
+        validate_default=True,
+    )
+    jobs: int = setting("cases that run at a time", default=1, ge=1, le=1000, strict=True)
+    ranks: int = setting("MPI ranks of each case", default=1, ge=1, le=100_000, strict=True)
+    slurm: Annotated[tuple[Option, ...], Field(max_length=50)] = setting(
+        "options of sbatch for the array script, such as --time=02:00:00", default=()
+    )
+
+
+class Sweep(Section):
+    """A whole sweep file; build one with `load_sweep`."""
+
+    title: str = setting("what the sweep is about", default="", max_length=500)
+    job: InputPath = setting("job file that all cases start from, relative to the sweep file")
+    set: Values = setting("values that all cases have: key of the job and value", default_factory=dict)
+    grid: dict[Key, Annotated[tuple[Any, ...], Field(min_length=1)]] | None = setting(
+        "values of each key; the cases are all combinations", default=None
+    )
+    list: Annotated[tuple[Values, ...], Field(min_length=1, max_length=MAX_CASES)] | None = setting(
+        "the cases one by one, each with its keys and values", default=None
+    )
+    sample: Sample | None = setting("a Latin-hypercube sample", default=None)
+    measures: Annotated[tuple[Measure, ...], Field(max_length=100)] = setting("what to measure in a case", default=())
+    run: Runs = setting("where and how the cases run", default_factory=dict, validate_default=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _name_directory_after_sweep_file(cls, data, info: ValidationInfo):
+        run = data.get("run", {}) if isinstance(data, dict) else None
+        if not isinstance(run, dict) or "directory" in run:
+            return data
+        return {**data, "run": {**run, "directory": f"out/{info.context['file'].stem}"}}
+
+    @model_validator(mode="after")
+    def _consistent(self):
+        given = [name for name in ("grid", "list", "sample") if getattr(self, name) is not None]
+        if len(given) != 1:
+            raise InputError("sweep", f"got {' and '.join(given) or 'none'}, must have one of grid, list and sample")
+        names = [measure.name for measure in self.measures]
+        for number, name in enumerate(names):
+            if name in names[:number]:
+                raise InputError(f"measures[{number}].name", f"'{name}' is taken; names must be unique")
+        return self
+
+
+@dataclass(frozen=True)
+class Case:
+    """One case of a sweep.
+
+    Attributes
+    ----------
+    name : str
+        Its number, and the name of its directory.
+    values : dict
+        Values of the keys that vary, by key.
+    job : Job
+    """
+
+    name: str
+    values: dict
+    job: Job
+
+
+def load_sweep(path, counts=None):
+    """Read and validate a sweep file and the jobs of all its cases.
+
+    Parameters
+    ----------
+    path : path-like
+        YAML sweep file.
+    counts : dict of str to int, optional
+        ``jobs`` and ``ranks`` in place of the file's.
+
+    Returns
+    -------
+    sweep : Sweep
+    cases : list of Case
+
+    Raises
+    ------
+    InputError
+        One message that names the first offending key, of the sweep or of a case's job.
+    """
+    file = Path(path).absolute()
+    data = read_yaml(read_text(path), str(path))
+    if not isinstance(data, dict):
+        raise InputError("", f"{path}: got {show(data)}, must be a mapping of keys such as job, grid and measures")
+    sweep = validated(Sweep, data, context={"file": file})
+    sweep = sweep.model_copy(update={"run": sweep.run.model_copy(update=counts or {})})
+    return sweep, _cases(sweep)
+
+
+def parameters(sweep):
+    """Keys of the job that the cases of a sweep change.
+
+    Parameters
+    ----------
+    sweep : Sweep
+
+    Returns
+    -------
+    list of str
+        In the order of the file.
+    """
+    if sweep.list is not None:
+        return list(dict.fromkeys(key for values in sweep.list for key in values))
+    return list(sweep.grid if sweep.grid is not None else sweep.sample.ranges)
+
+
+def _combinations(sweep):
+    """Values of the varied keys, case by case."""
+    if sweep.list is not None:
+        return list(sweep.list)
+    if sweep.grid is not None:
+        count = 1
+        for values in sweep.grid.values():
+            count *= len(values)
+        if count > MAX_CASES:
+            raise InputError("grid", f"has {count} combinations, must be at most {MAX_CASES}")
+        return [dict(zip(sweep.grid, values, strict=True)) for values in itertools.product(*sweep.grid.values())]
+    low, high = zip(*sweep.sample.ranges.values(), strict=True)
+    for key, (least, greatest) in sweep.sample.ranges.items():
+        if least >= greatest:
+            raise InputError(f"sample.ranges.{key}", f"got {least:g} to {greatest:g}, the first must be the lower")
+    # McKay, Beckman & Conover 1979; six digits are enough to tell cases apart and can be read
+    points = qmc.scale(qmc.LatinHypercube(len(low), seed=sweep.sample.seed).random(sweep.sample.count), low, high)
+    return [
+        {key: float(f"{value:.6g}") for key, value in zip(sweep.sample.ranges, point, strict=True)} for point in points
+    ]
+
+
+def _cases(sweep):
+    """Build and validate the jobs of all cases."""
+    text, file = read_text(sweep.job), Path(sweep.job)
+    combinations = _combinations(sweep)
+    digits = max(3, len(str(len(combinations))))
+    cases = []
+    for number, values in enumerate(combinations, start=1):
+        name = f"{number:0{digits}}"
+        place = {"output.directory": str(Path(sweep.run.directory) / name)}
+        overrides = [f"{key}={json.dumps(value)}" for key, value in {**sweep.set, **values, **place}.items()]
+        try:
+            job = parse_job(text, overrides, file=file, source=sweep.job)
+            require_supported(job)
+            _check_measures(sweep, job)
+        except InputError as error:
+            raise InputError("", f"case {name} ({show(values, 200)}): {error}") from None
+        cases.append(Case(name, values, job))
+    return cases
+
+
+def _check_measures(sweep, job):
+    """Refuse a measure of what no probe of the job will write, or of a time that it will not reach."""
+    names = [probe.name for probe in job.probes]
+    for number, measure in enumerate(sweep.measures):
+        key, column = f"measures[{number}]", measure.column.split(" [")[0]
+        if not any(column == name or column.startswith(f"{name}.") for name in names):
+            allowed = ", ".join(names) or "none: the job has no probes"
+            raise InputError(f"{key}.column", f"got '{measure.column}', must be of a probe of the job: {allowed}")
+        end = job.time.end if measure.end is None else measure.end
+        if end > job.time.end:
+            raise InputError(f"{key}.end", f"got {end:g} s, must be within the run of {job.time.end:g} s")
+        if measure.begin >= end:
+            raise InputError(f"{key}.begin", f"got {measure.begin:g} s, must be before the window ends at {end:g} s")
