@@ -38,6 +38,7 @@ def check_job(job):
     for number, item in enumerate(job.motion):
         _check_motion(job, item, f"motion[{number}]")
     _check_probes(job)
+    _check_scheme(job.scheme)
 
 
 def _check_tank(job):
@@ -271,6 +272,18 @@ def _check_probes(job):
             _check_pair(job, probe.between, f"{key}.between")
         elif probe.kind == "liquid":
             _check_fluid_name(job, probe.fluid, f"{key}.fluid")
+
+
+def _check_scheme(scheme):
+    """Refuse settings that contradict each other; where the limits are, jobs/extremes shows."""
+    limit = scheme.radius + 1.0
+    if scheme.surface == "ghost" and scheme.laplacian_radius > limit * (1 + TOLERANCE):
+        raise InputError(
+            "scheme.laplacian_radius",
+            f"got {scheme.laplacian_radius:g} l0, must be at most {limit:g} l0, one more than scheme.radius, with "
+            "surface: ghost, since only the particles that scheme.radius finds in the surface are given neighbours "
+            "above it",
+        )
 
 
 def _check_unique(names, key):

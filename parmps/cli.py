@@ -186,7 +186,7 @@ def wall_time(text):
     argparse.ArgumentTypeError
         If it is none of these.
     """
-    if not re.fullmatch(r"\d{1,9}(\.\d*)?|(\d{1,6}:)?\d{1,6}:\d{1,2}", text):
+    if not re.fullmatch(r"\d{1,9}(\.\d*)?|(\d{1,6}:)?\d{1,6}:\d{1,2}", text, re.ASCII):
         raise argparse.ArgumentTypeError(f"got '{text}', must be seconds, MM:SS or HH:MM:SS")
     seconds = 0.0
     for part in text.split(":"):

@@ -140,7 +140,8 @@ def memory_estimate(job, counts, ranks):
         # the particles, and the copy of the last good state
         "particles": particle * (2.0 * owned + halo),
         "fields of a step": per_row * rows + per_particle * (owned + halo),
-        "neighbour lists": 4.0 * (pairs + wide_pairs),
+        # number and squared distance of each neighbour, and a weight where the radii differ
+        "neighbour lists": 12.0 * (pairs + wide_pairs) + 8.0 * pairs * (scheme.radius != scheme.laplacian_radius),
         "pressure matrix": ENTRY_BYTES * entries,
         "multigrid hierarchy": HIERARCHY * ENTRY_BYTES * entries,
     }

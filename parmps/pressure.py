@@ -78,7 +78,8 @@ class _Solver:
         self._rows = rows
         self._ksp = PETSc.KSP().create(self._comm)
         self._ksp.setOptionsPrefix(self._prefix)
-        self._ksp.setTolerances(rtol=self._tolerance)
+        # the guess may be far from the solution: a few particles in flight, after an impact
+        self._ksp.setTolerances(rtol=self._tolerance, divtol=1e50)
         self._ksp.setInitialGuessNonzero(True)
         self._ksp.setFromOptions()
         self._x = PETSc.Vec().createMPI((rows, None), comm=self._comm)
@@ -286,6 +287,8 @@ class Blocks:
         The other block, with global columns.
     at_diagonal : (rows,) int
         Where the diagonal is in ``values``.
+    renumbered : array of int
+        The columns of the halo, as the matrix made of the blocks counts them.
     """
 
     def __init__(self, rows, entries):
@@ -294,6 +297,7 @@ class Blocks:
         self.halo_first = np.zeros(rows + 1, index)
         self.halo_columns, self.halo_values = np.empty(entries, index), np.empty(entries)
         self.at_diagonal = np.zeros(rows, index)
+        self.renumbered = None
 
     def sorted(self):
         """Copy the matrix, with the columns of each row ascending, as the set-up of multigrid needs them.
@@ -319,11 +323,15 @@ _LIBRARY = ctypes.CDLL(PETSc.__file__)  # petsc4py has no name for these two fun
 
 
 def _wrap(comm, rows, blocks):
-    """Make a matrix of the arrays themselves, without a copy (MatCreateMPIAIJWithSplitArrays)."""
+    """Make a matrix of the arrays themselves (MatCreateMPIAIJWithSplitArrays)."""
     matrix = PETSc.Mat().create(comm)
     raw = ctypes.c_void_p()
     size = ctypes.c_int if blocks.first.itemsize == 4 else ctypes.c_int64
-    arrays = [a.ctypes.data_as(ctypes.c_void_p) for a in blocks.arrays]
+    # PETSc numbers the columns of the halo anew, in place
+    blocks.renumbered = blocks.halo_columns[: blocks.halo_first[-1] + 1].copy()
+    first, columns, values, halo_first, _, halo_values = blocks.arrays
+    arrays = (first, columns, values, halo_first, blocks.renumbered, halo_values)
+    arrays = [a.ctypes.data_as(ctypes.c_void_p) for a in arrays]
     sizes = [size(rows), size(rows), size(PETSc.DETERMINE), size(PETSc.DETERMINE)]
     status = _LIBRARY.MatCreateMPIAIJWithSplitArrays(_handle(comm), *sizes, *arrays, ctypes.byref(raw))
     status = status or _LIBRARY.MatHeaderReplace(ctypes.c_void_p(matrix.handle), ctypes.byref(raw))

@@ -65,10 +65,10 @@ class Scheme(Section):
     )
     gamma: Number = setting(
         "share of the density error in the pressure equation's source, per step (position moved); 0.01 in "
-        "[000] eq. 9 and [002] eq. 11",
+        "[000] eq. 9 and [002] eq. 11; the source of the first MPS codes, 1, throws particles about",
         default=0.01,
         ge=0,
-        le=1,
+        le=0.5,
     )
     overdensity: Number = setting(
         "number density, over n0, above which particles are pushed apart (position start)",
@@ -84,12 +84,13 @@ class Scheme(Section):
         le=10,
     )
     volume_time: Annotated[Number, Field(gt=0, le=1e3)] | None = setting(
-        "relaxation time of the volume error, measured with a wide smooth weight (position start); null: none",
+        "longest relaxation time of the volume error, measured with a wide smooth weight (position start); shorter "
+        "in fast flow; null: none",
         "s",
         0.5,
     )
     volume_radius: Number = setting(
-        "reach of the smooth weight that measures the volume error", "l0", 3.1, ge=1.6, le=5
+        "reach of the smooth weight that measures the volume error", "l0", 3.1, ge=2.6, le=5
     )
     shifting: Number = setting(
         "shifting of particles towards even spacing, over the asymmetry of their neighbours, per "

@@ -108,6 +108,10 @@ class Simulation:
         sqrt(f / l0) dt with the body force f, and the latter plus a fifth of the former.
     implicit : bool
         Whether the viscous step is implicit, so that it does not bound the time step.
+    suction : float
+        Greatest suction that the flow can make, Pa: rho (u^2/2 + f L) by Bernoulli's equation, with the greatest
+        speed u, the body force f and the longest side L of the tank. More is noise, as where a jet meets an edge,
+        and would feed energy to the liquid.
     contacts, put_back : int
         Of this rank: contacts of close particles, particles put back from walls.
     """
@@ -148,6 +152,7 @@ class Simulation:
         self.frame = self.motion.at(0.0)
         self.courant = self.grid_number = self.activity = 0.0
         self.implicit = False
+        self.suction = math.inf
         self.contacts = self.put_back = 0
         self.left = []
         self.largest_kinetic = 0.0
@@ -226,6 +231,7 @@ class Simulation:
         if self.domain.max(float(np.abs(velocity).max(initial=0.0))) == 0.0:
             return
         self.choose_step(self.job.time.max_step or self.job.output.probes_every)
+        self.suction = math.inf  # an impulse has no bound
         self.frame = self.frame._replace(
             force=np.zeros(3), alpha=np.zeros(3), omega=np.zeros(3)
         )
@@ -374,6 +380,11 @@ class Simulation:
         self.courant = speed * self.dt / self.l0
         self.grid_number = math.sqrt(force / self.l0) * self.dt
         self.activity = self.grid_number + 0.2 * self.courant
+        length, frame = max(self.job.tank.size), self.frame
+        strength = force + length * (np.linalg.norm(frame.alpha) + np.linalg.norm(frame.omega) ** 2)
+        self.suction = float(self.liquids.density.max()) * (0.5 * speed**2 + strength * length)
+        if self.liquids.tension is not None:
+            self.suction += float(self.liquids.tension.max()) / self.l0
         # Two particles of different ranks may approach each other, and move once more before the next look.
         self._stale = 2.0 * (moved + speed * self.dt) > HALO_MARGIN * self.l0
         return int(request)

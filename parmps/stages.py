@@ -29,6 +29,8 @@ from parmps.particles import DUMMY, FLUID, WALL
 VOLUME_EVERY = 10
 """Steps between two measurements of the volume error, which changes slowly."""
 
+VOLUME_SHARE = 0.1
+"""Share of the volume error to remove per u dt / l0, u the greatest speed, where volume_time is longer than that."""
 
 RESIDUAL_DAMPING = 2.0
 """Damping of a velocity difference that no linear field explains, per (difference) dt / l0."""
@@ -442,8 +444,10 @@ def measure_divergence(sim):
         w.source[:rows] = (1.0 - s.gamma) * trace / sim.dt - s.gamma * (over - 1.0) / sim.dt**2
         return
     if s.volume_time is not None:
-        # no faster than it is measured, or long steps would overshoot
-        trace = trace - p.compression[:rows] / max(s.volume_time, 2.0 * VOLUME_EVERY * sim.dt)
+        # faster in fast flow, where pushing particles apart makes room, but no faster than it is measured
+        rate = max(1.0 / s.volume_time, VOLUME_SHARE * sim.courant / sim.dt)
+        rate = min(rate, 0.5 / (VOLUME_EVERY * sim.dt))
+        trace = trace - p.compression[:rows] * rate
     over = over / sim.packing()
     share = min(s.separation * (sim.grid_number + sim.courant), 0.2)
     trace = trace - share * np.maximum(over - s.overdensity, 0.0) / sim.dt
@@ -451,7 +455,7 @@ def measure_divergence(sim):
 
 
 def solve_pressure(sim):
-    """Assemble and solve the pressure equation; extrapolate the pressure into the dummy layers."""
+    """Assemble and solve the pressure equation; suction is no stronger than the flow can make it."""
     p, s, w = sim.particles, sim.scheme, sim.work
     lat = sim.laplacian_lattice
     blocks = sim.blocks()
@@ -491,6 +495,7 @@ def solve_pressure(sim):
     sim.floating.fix(sim.domain, blocks, w.rhs)
     p.pressure[: p.rows] = sim.solver.solve(blocks, w.rhs, p.pressure[: p.rows])
     sim.floating.level(sim.domain, p.pressure[: p.rows])
+    np.maximum(p.pressure[: p.rows], -sim.suction, out=p.pressure[: p.rows])
     sim.domain.exchange(p.pressure)
 
 

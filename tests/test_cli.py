@@ -1,5 +1,6 @@
 """The command line: refusals, results on disk, restarts, and ends that are not good."""
 
+import argparse
 import csv
 import json
 import os
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 from parmps import checkpoint
+from parmps.cli import wall_time
 
 ROOT = Path(__file__).parents[1]
 ENVIRONMENT = {
@@ -171,6 +173,17 @@ def test_a_good_run_writes_all_results(job, tmp_path, ranks):
     log = (out / "run.log").read_text()
     assert "plot_probes.py" in log
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(("text", "seconds"), [("90", 90.0), ("1.5", 1.5), ("2:30", 150.0), ("23:50:00", 85800.0)])
+def test_wall_times(text, seconds):
+    assert wall_time(text) == seconds
+
+
+@pytest.mark.parametrize("text", ["", "-1", "1h", "1:2:3:4", "1:234", "nan", "١"])
+def test_bad_wall_times(text):
+    with pytest.raises(argparse.ArgumentTypeError, match="must be seconds, MM:SS or HH:MM:SS"):
+        wall_time(text)
 
 
 def test_schema_and_help(tmp_path):

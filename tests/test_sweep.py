@@ -16,8 +16,9 @@ from parmps import campaign, cli
 from parmps.errors import InputError
 from parmps.figures.charts import draw_measure
 from parmps.figures.page import write_sweep_page
+from parmps.schema import json_schema, schema_table, unit_of_key
 from parmps.signals import measure, read_signals
-from parmps.sweep import load_sweep
+from parmps.sweep import Sweep, load_sweep
 
 SWEEPS = sorted((Path(__file__).parents[1] / "jobs" / "sweeps").glob("*.yaml"))
 GRID = """
@@ -195,6 +196,29 @@ def test_a_case_that_is_killed_says_by_what(tmp_path):
     (tmp_path / campaign.ERRORS).write_text("warning\n")
     campaign._end(tmp_path, -9)
     assert campaign.state(tmp_path) == "failed: killed by SIGKILL"
+
+
+@pytest.mark.parametrize(
+    ("key", "unit"),
+    [
+        ("motion[0].omega", "rad/s"),
+        ("tank.baffles[1].top", "m"),
+        ("fluids.0.density", "kg/m3"),
+        ("tank.size[0]", "m"),
+        ("time.cfl", ""),
+        ("scheme.preset", ""),
+        ("scheme.volume_time", "s"),
+        ("nowhere", ""),
+    ],
+)
+def test_units_of_keys(key, unit):
+    assert unit_of_key(key) == unit
+
+
+def test_the_keys_of_a_sweep_are_documented_from_its_model():
+    table, schema = schema_table(Sweep), json_schema(Sweep)
+    assert "measures[].begin: number >= 0 (s), default 0.0" in table
+    assert set(schema["properties"]) == set(Sweep.model_fields)
 
 
 def test_a_chart_has_a_curve_for_each_combination_and_the_reference():

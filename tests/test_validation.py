@@ -1,5 +1,6 @@
 """The validation's references against each other, and its cheapest cases within bounds of theory."""
 
+import json
 import sys
 from pathlib import Path
 
@@ -79,6 +80,29 @@ def test_decay_of_a_wave_in_a_deep_tank_is_that_of_its_end_walls():
 def test_observed_order():
     assert validation.observed_order([0.02, 0.01], [4.0, -1.0]) == pytest.approx(2.0)
     assert validation.observed_order([0.02], [4.0]) is None
+
+
+def test_a_kept_run_counts_while_nothing_has_changed(tmp_path, monkeypatch):
+    monkeypatch.setattr(validation, "OUT", tmp_path)
+    case = validation.load_case("surge")
+    kept = validation.Kept("surge", case, "0.9", "balanced", 0.02)
+    assert kept.status is None
+    kept.directory.mkdir(parents=True)
+    (kept.directory / "validation.json").write_text(json.dumps({"key": kept.key, "status": "done"}))
+    assert validation.Kept("surge", case, "0.9", "balanced", 0.02).status == "done"
+    monkeypatch.setattr(case, "VARIANTS", {"0.9": ["motion[0].amplitude=0.003"]})
+    assert validation.Kept("surge", case, "0.9", "balanced", 0.02).status is None
+
+
+def test_targets_by_spacing_and_variant():
+    def bound(name, variant, spacing, measure):
+        case = validation.load_case(name)
+        return validation.target(validation.Kept(name, case, variant, "accurate", spacing), measure)
+
+    assert bound("standing_wave", "", 0.01, "amplitude [%]") == 2.0
+    assert bound("standing_wave", "", 0.02, "amplitude [%]") == 4.0
+    assert bound("rest", "baffle", 0.01, "pressure [% of rho g h]") == pytest.approx(0.6)
+    assert bound("rest", "plain", 0.01, "mean level [%]") is None
 
 
 # Cases

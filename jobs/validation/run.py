@@ -155,19 +155,20 @@ class Kept:
         env = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
         try:
             done = subprocess.run(command, env=env, capture_output=True, text=True, check=False, timeout=limit)
-            status = _status(done)
+            status = _status(done, self.directory)
         except subprocess.TimeoutExpired:
             status = f"stopped after {limit:g} s"
         print(status, flush=True)
         (self.directory / "validation.json").write_text(json.dumps({"key": self.key, "status": status}))
 
 
-def _status(done):
+def _status(done, directory):
+    """What became of a run; one that diverged did so after its last sample."""
     if done.returncode == 0:
         return "done"
-    time = re.search(r"at t = (\S+) s", done.stderr)
-    if done.returncode == 3 and time:
-        return f"diverged at t = {float(time[1]):.2f} s"
+    if done.returncode == 3:
+        last = (directory / "probes.csv").read_text().splitlines()[-1].split(",")[0]
+        return f"diverged after t = {last} s"
     return f"exit status {done.returncode}: {done.stderr.strip().splitlines()[-1]}"
 
 
@@ -231,7 +232,7 @@ def section(name, case, runs, measures):
     """
     names = list(dict.fromkeys(key for found, _ in measures.values() for key in found))
     titles = [*(["variant"] if "" not in variants(case) else []), "spacing", "preset", *names, "CPU s", "steps"]
-    lines = [f"## {case.TITLE}", "", f"Method and reference: [{name}/README.md]({name}/README.md). {provenance()}", ""]
+    lines = [f"## {case.TITLE}", "", f"Method and reference: [{name}](README.md). {provenance()}", ""]
     lines += ["| " + " | ".join(titles) + " |", "|---" * len(titles) + "|"]
     for run in runs:
         cells = [*([run.variant] if run.variant else []), f"{run.spacing:g} m", run.preset]
@@ -242,7 +243,7 @@ def section(name, case, runs, measures):
         else:
             cells += [run.status, *[""] * (len(titles) - len(cells) - 1)]
         lines.append("| " + " | ".join(cells) + " |")
-    return [*lines, "", *_orders(case, names, measures), f"![{case.TITLE}]({name}/picture.png)", ""]
+    return [*lines, "", *_orders(case, names, measures), f"![{case.TITLE}](picture.png)", ""]
 
 
 def _cell(run, key, value):
@@ -341,7 +342,9 @@ def main():
         parser.error(f"no such case: {', '.join(sorted(unknown))}; there are {', '.join(names)}")
     for name in options.cases or names:
         run_case(name, options)
-    parts = [file.read_text() for name in names if (file := HERE / name / "results.md").is_file()]
+    written = [name for name in names if (HERE / name / "results.md").is_file()]
+    # their links are relative to the case
+    parts = [(HERE / name / "results.md").read_text().replace("](", f"]({name}/") for name in written]
     (HERE / "results.md").write_text("\n".join([HEAD, *parts]))
 
 

@@ -1,6 +1,6 @@
 """What accuracy costs: one setting at a time around `balanced`, on three scenes (``make trade``).
 
-usage: python jobs/validation/trade.py [--scene NAME ...] [--limit S]
+usage: python jobs/validation/trade.py [--scene NAME ...] [--limit S] [--report]
 
 Runs are kept as those of run.py are. Writes jobs/validation/trade.csv: scene, setting, error in %, CPU-seconds of
 the time loop; postproc/trade.py draws it.
@@ -13,8 +13,8 @@ import numpy as np
 import run
 from results import Results, rms
 
-STEPS = [f"time.max_step={step:g}" for step in (0.001, 0.002, 0.008, 0.016)]
-COURANT = [f"time.cfl={number:g}" for number in (0.05, 0.1, 0.4, 0.8)]
+STEPS = [f"time.max_step={step:g}" for step in (0.016, 0.008, 0.002)]
+COURANT = [f"time.cfl={number:g}" for number in (0.8, 0.4, 0.1)]
 SCENES = {
     "standing wave": ("standing_wave", "", "centre [%]", (0.04, 0.02, 0.01), STEPS),
     "surge sloshing": ("surge", "0.9", "centre [%]", (0.04, 0.02, 0.01), STEPS),
@@ -53,13 +53,14 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--scene", action="append", choices=SCENES, help="all by default")
     parser.add_argument("--limit", type=float, default=600.0, help="seconds a run may take")
+    parser.add_argument("--report", action="store_true", help="run nothing, only write down the runs that are kept")
     options = parser.parse_args()
     rows = []
     for scene, (name, variant, measure, spacings, steps) in SCENES.items():
         case = run.load_case(name)
         runs = [run.Kept(name, case, variant, *setting) for setting in settings(spacings, steps)]
         for one in runs:
-            if one.status is None and scene in (options.scene or SCENES):
+            if one.status is None and scene in (options.scene or SCENES) and not options.report:
                 one.run(options.limit)
         done = [one for one in runs if one.status == "done"]
         finest = min(done, key=lambda one: one.spacing, default=None)

@@ -18,6 +18,7 @@ from parmps.figures.snapshots import draw_snapshots, make_view
 from parmps.figures.tables import forcing, peak_rows, peak_table
 from parmps.loader import job_text
 from parmps.output import write_text
+from parmps.report import timer_table
 from parmps.signals import read_signals
 
 SNAPSHOTS = 4
@@ -123,7 +124,8 @@ def _record(directory):
     ]
     if record["volume_drift"] is not None:
         rows.append(["volume drift", f"{record['volume_drift']:+.2%}"])
-    return _table([["run", f"parmps {record['versions']['parmps']}"], *rows])
+    timers = html.escape(timer_table(record["stage_seconds"], record["wall_seconds"]))
+    return _table([["run", f"parmps {record['versions']['parmps']}"], *rows]) + _section("Time", f"<pre>{timers}</pre>")
 
 
 def _section(title, content):

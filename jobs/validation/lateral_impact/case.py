@@ -38,7 +38,7 @@ def peaks(time, pressure, period):
 
 def measure(results):
     """Peaks in standard deviations of the repetitions from their means, and the time between impacts."""
-    variant = results.job.fluids[0].density > 950.0 and "water" or "oil"
+    variant = "water" if results.job.fluids[0].density > 950.0 else "oil"
     record = RECORD[variant]
     period = 2.0 * np.pi / results.job.motion[0].omega
     time, height = peaks(results.time, results.probe("sensor"), period)
@@ -59,7 +59,7 @@ def plot(figure, runs):
             label = f"{preset}, {1e3 * spacing:g} mm"
             panel.plot(results.time, 1e-3 * results.probe("sensor"), linewidth=0.7, label=label)
         if mine:
-            (_, _, _), results = next(iter(mine.items()))
+            results = next(iter(mine.values()))
             when, _ = peaks(results.time, results.probe("sensor"), 2.0 * np.pi / results.job.motion[0].omega)
             record = 1e-3 * RECORD[variant]
             style = {"fmt": "ks", "capsize": 4, "label": "experiment, 2 standard deviations"}
@@ -67,5 +67,5 @@ def plot(figure, runs):
         panel.set_ylim(-0.5, 12.0 if variant == "water" else 2.0)
         panel.set_ylabel(f"{variant}: pressure [kPa]")
         panel.grid(alpha=0.3)
-        panel.legend(fontsize="small", loc="upper left")
+    panels[0].legend(fontsize="small", loc="upper left")
     panels[-1].set_xlabel("Time [s]")

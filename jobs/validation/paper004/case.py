@@ -79,5 +79,5 @@ def plot(figure, runs):
     for panel, text in zip(panels, ("Case 1: left wall [m]", "Case 1: P1 [kPa]", "Case 2: left wall [m]"), strict=True):
         panel.set_ylabel(text)
         panel.grid(alpha=0.3)
-        panel.legend(fontsize="small", loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+    panels[0].legend(fontsize="small", loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
     panels[-1].set_xlabel("Time [s]")
