@@ -23,7 +23,7 @@ from parmps.interrupt import WALL_LIMIT, Interrupt, reason
 from parmps.loader import parse_job
 from parmps.run import Run
 
-KILLS = int(os.environ.get("PARMPS_KILLS", "16"))
+KILLS = int(os.environ.get("PARMPS_KILLS", "8"))
 """Random moments at which a run is killed; 50 before a release."""
 
 DENSE = ["output.checkpoint_every=0.01", "output.particles_every=0.01", "output.probes_every=0.005"]

@@ -190,7 +190,7 @@ def test_refused_fills_and_surfaces(tmp_path):
     pytest.importorskip("trimesh")
     tank = wedge(tmp_path / "wedge.stl")
     with pytest.raises(InputError, match="tank.size: got .* but .* is 0.6 x 1 x 0.8 m large"):
-        job_of(tank.replace("[0.6, 1.0, 0.8]", "[600, 1000, 800]"))
+        job_of(tank.replace("[0.6, 1.0, 0.8]", "[6.0, 10.0, 8.0]"))
     lines = (tmp_path / "wedge.stl").read_text().splitlines()
     (tmp_path / "wedge.stl").write_text("\n".join(lines[:1] + lines[8:]))
     with pytest.raises(InputError, match="tank.surface: .*must be closed"):
