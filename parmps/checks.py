@@ -270,6 +270,8 @@ def _check_probes(job):
             _check_within(probe.at, job.tank.size[:-1], f"{key}.at")
         if probe.kind == "interface":
             _check_pair(job, probe.between, f"{key}.between")
+        elif probe.kind == "liquid":
+            _check_fluid_name(job, probe.fluid, f"{key}.fluid")
 
 
 def _check_scheme(scheme):

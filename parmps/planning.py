@@ -4,12 +4,14 @@ import math
 
 import numpy as np
 
+from parmps import waves
 from parmps.kernels.weight import lattice
+from parmps.liquids import Liquids
 from parmps.motion import Motion
 from parmps.particles import FIELDS
 from parmps.simulation import HALO_MARGIN, IMPLICIT_GAIN, STEADY_STEP, VISCOUS_STEP, WAVE_STEP, Work, wall_layers
 from parmps.stages import make_plan
-from parmps.tank import count_particles
+from parmps.tank import count_particles, standing_wave
 
 EXACT_CELLS = 1e6
 """Points of the lattice in the tank up to which particles are counted: beyond, that takes too long."""
@@ -134,7 +136,7 @@ def memory_estimate(job, counts, ranks):
     # Volume drift, which every run reports at its end, needs the wide lists even where the scheme does not.
     wide_pairs = liquid * lattice(dimension, scheme.volume_radius).neighbours
     entries = pairs + rows
-    per_row, per_particle = _work_bytes()
+    per_row, per_particle = _work_bytes(Liquids(job))
     return {
         "program": PROGRAM_BYTES,
         # the particles, and the copy of the last good state
@@ -147,10 +149,13 @@ def memory_estimate(job, counts, ranks):
     }
 
 
-def _work_bytes():
+def _work_bytes(liquids):
     """Bytes a row and a particle of the arrays that live for one step."""
-    none, row, particle = Work(0, 0), Work(1, 0), Work(0, 1)
-    size = [sum(array.nbytes for array in vars(work).values()) for work in (none, row, particle)]
+    size = []
+    for rows, count in ((0, 0), (1, 0), (0, 1)):
+        work = Work(rows, count, liquids)
+        arrays = [*vars(work).values(), *(vars(work.near_interface).values() if work.near_interface else ())]
+        size.append(sum(array.nbytes for array in arrays if isinstance(array, np.ndarray)))
     return size[1] - size[0], size[2] - size[0]
 
 
@@ -212,7 +217,7 @@ def _depth(job):
 
 def _bound(job, spacing, force, speed):
     """Step and the bound that governs it; the bounds are those of `Simulation.choose_step`."""
-    control, viscosity = job.time, job.fluids[0].kinematic_viscosity
+    control, viscosity = job.time, Liquids(job).viscous_rate
     bounds = [(job.output.probes_every, "output.probes_every")]
     if control.max_step is not None:
         bounds.append((control.max_step, "time.max_step"))
@@ -254,9 +259,15 @@ def _initial_speed(job):
     if initial.kind == "velocity":
         return math.hypot(*initial.value)
     if initial.kind == "standing_wave":
-        k, depth = initial.mode * math.pi / job.tank.length, sum(job.depths)
-        # linear wave: amplitude omega coth(k h), at the surface
-        return abs(initial.amplitude) * math.sqrt(job.gravity * k / math.tanh(k * depth))
+        k, omega, shape = standing_wave(job)
+        layers = waves.layers_of(job)
+        top = np.cumsum(layers.depth)
+        bottom, layer = top - layers.depth, np.arange(len(top))
+        speed = initial.amplitude * omega * shape
+        # greatest at a boundary of a layer, at the wall or between two
+        x = np.repeat([0.0, 0.5 * math.pi / k], 2 * len(top))
+        z, layer = np.tile(np.concatenate([bottom, top]), 2), np.tile(layer, 4)
+        return float(np.abs(waves.velocity(layers, k, speed, x, z, layer)).max())
     return 0.0
 
 

@@ -4,7 +4,8 @@ A probe turns the particles that one rank owns into sums, and the sums over all 
 all probes together need one reduction. The particles come as a state with these attributes, of owned
 particles only: ``position``, ``velocity``, ``normal`` (n, 3), ``pressure``, ``kind``, ``fluid``, ``surface``,
 ``depth`` (n,), and ``spacing`` (m), ``force`` (3,) (m/s2, body force at the tank's origin) and ``density``
-(kg/m3, one value or (n,)).
+(kg/m3, one value or (n,)); for a liquid also ``volume`` (m3), ``compression`` and ``fraction`` (n,), the share of
+the particle's own liquid in its neighbourhood.
 """
 
 import numpy as np
@@ -34,7 +35,14 @@ def build_probes(job, geometry):
         1-D float64 array of fixed length, and ``value(sums)`` that returns one value per column.
     """
     kinds = {"pressure": PressureGauge, "elevation": ElevationGauge, "force": ForceGauge}
-    return [kinds[probe.kind](probe, geometry) for probe in job.probes]
+    names = [fluid.name for fluid in job.fluids]
+    of_liquids = {"interface": InterfaceGauge, "liquid": LiquidProbe}
+    return [
+        of_liquids[probe.kind](probe, geometry, names)
+        if probe.kind in of_liquids
+        else kinds[probe.kind](probe, geometry)
+        for probe in job.probes
+    ]
 
 
 def surface_pressure(state, chosen):
@@ -158,11 +166,15 @@ class ElevationGauge:
         inside = (node >= 0) & (node < len(self.nodes))
         return np.bincount(node[inside], share[inside], minlength=len(self.nodes))
 
-    def partial(self, state):
-        """Sum the particles near the gauge over the nodes of its profile: (nodes,) float64."""
+    def _near(self, state):
+        """Liquid that the profile sees: (n,) bool."""
         near = np.abs(state.position[:, 0] - self.at[0]) < 2 * self.steps[0]
         near &= np.abs(state.position[:, 1] - self.at[1]) < 2 * self.steps[1]
-        return self._profile(state.position[near & (state.kind == FLUID)])
+        return near & (state.kind == FLUID)
+
+    def partial(self, state):
+        """Sum the particles near the gauge over the nodes of its profile: (nodes,) float64."""
+        return self._profile(state.position[self._near(state)])
 
     def value(self, sums):
         """Height of the surface, m: (1,) float64."""
@@ -184,10 +196,102 @@ class ElevationGauge:
         return np.array([self.nodes[top - 1] + part * self.nodes[1]])
 
 
+class InterfaceGauge(ElevationGauge):
+    """Height of the interface between two liquids above the tank bottom.
+
+    Both liquids near the gauge are spread over heights as by `ElevationGauge`. The interface is the height with
+    the least of the upper liquid below it and of the lower one above it, so that drops of one in the other
+    count as little as they hold; there the two profiles cross. Where one of the two is missing, it is the end of
+    the other one.
+
+    Parameters
+    ----------
+    probe : parmps.scene.InterfaceProbe
+    geometry : Geometry
+    names : list of str
+        Of the liquids, the lowest first.
+    """
+
+    def __init__(self, probe, geometry, names):
+        super().__init__(probe, geometry)
+        self.pair = sorted(names.index(name) for name in probe.between)
+
+    def partial(self, state):
+        """Profiles of the lower and the upper liquid, one after the other: (2 nodes,) float64."""
+        near = self._near(state)
+        return np.concatenate([self._profile(state.position[near & (state.fluid == f)]) for f in self.pair])
+
+    def value(self, sums):
+        """Height of the interface, m: (1,) float64; 0 where there is neither liquid."""
+        lower, upper = sums.reshape(2, -1)
+        if not sums.any():
+            return np.zeros(1)
+        if not lower.any():
+            return self._end(np.flatnonzero(upper)[0], upper, -1)
+        if not upper.any():
+            return self._end(np.flatnonzero(lower)[-1], lower, 1)
+        excess = lower - upper
+        wrong = np.concatenate([[0.0], np.cumsum(-excess)])  # the more the liquids are sorted, the less
+        least = np.flatnonzero(wrong <= wrong.min() + 1e-9 * np.abs(wrong).max())
+        cut = int(least[len(least) // 2])  # all nodes before it belong to the lower liquid
+        if cut in (0, len(excess)):
+            return self.nodes[[min(cut, len(excess) - 1)]]
+        a, b = excess[cut - 1], excess[cut]
+        part = a / (a - b) if a > b else 0.5
+        return np.array([self.nodes[cut - 1] + part * self.nodes[1]])
+
+    def _end(self, node, profile, outwards):
+        """Where a profile falls to half of what is full, near its last node."""
+        half = 0.5 * np.median(profile[profile > 0.0])
+        while profile[node] < half:
+            node -= outwards
+        return self.nodes[[node]]
+
+
 def _spline(x):
     """Cubic B-spline: its values at distances of one add up to 1."""
     x = np.abs(x)
     return (np.maximum(2.0 - x, 0.0) ** 3 - 4.0 * np.maximum(1.0 - x, 0.0) ** 3) / 6.0
+
+
+class LiquidProbe:
+    """Volume, centre of mass and energy of one liquid, and how much of it has strayed into others.
+
+    The volume is that of its particles, less what they are compressed. The energy is kinetic, relative to the
+    tank, and potential by the body force at the tank's origin, above its bottom corner there. Strayed is the
+    share of the particles in neighbourhoods that are mostly another liquid.
+
+    Parameters
+    ----------
+    probe : parmps.scene.LiquidProbe
+    geometry : Geometry
+    names : list of str
+        Of the liquids, the lowest first.
+    """
+
+    def __init__(self, probe, geometry, names):
+        self.number = names.index(probe.fluid)
+        self.axes = [0, 2] if geometry.dimension == 2 else [0, 1, 2]
+        volume, energy = ("m2", "J/m") if geometry.dimension == 2 else ("m3", "J")
+        signals = [f"volume [{volume}]", *(f"{'xyz'[a]} [m]" for a in self.axes), f"energy [{energy}]", "strayed [-]"]
+        self.columns = [f"{probe.name}.{signal}" for signal in signals]
+
+    def partial(self, state):
+        """Sum volume, particles, positions, energy and strayed ones: (7,) float64."""
+        own = (state.kind == FLUID) & (state.fluid == self.number)
+        position, velocity = state.position[own], state.velocity[own]
+        mass = state.volume[own] * _density(state, own)
+        energy = mass @ (0.5 * np.einsum("ij,ij->i", velocity, velocity) - position @ state.force)
+        volume = np.sum(state.volume[own] / (1.0 + state.compression[own]))
+        strayed = np.count_nonzero(state.fraction[own] < 0.5)
+        return np.array([volume, len(position), *position.sum(axis=0), energy, strayed])
+
+    def value(self, sums):
+        """One value a column: (columns,) float64; zeros where the liquid has no particle."""
+        volume, count, *centre, energy, strayed = sums
+        if count == 0.0:
+            return np.zeros(len(self.columns))
+        return np.array([volume, *(centre[a] / count for a in self.axes), energy, strayed / count])
 
 
 class ForceGauge:

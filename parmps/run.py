@@ -148,13 +148,16 @@ class Run:
         """What probes see: the rank's own particles."""
         s, p = self.simulation, self.simulation.particles
         own = slice(0, p.owned)
-        names = ("position", "velocity", "pressure", "kind", "fluid", "normal", "depth")
+        names = ("position", "velocity", "pressure", "kind", "fluid", "normal", "depth", "compression")
+        near = s.work.near_interface
         return SimpleNamespace(
             **{name: getattr(p, name)[own] for name in names},
             surface=s.work.surface[own],
             spacing=s.l0,
             force=s.frame.force,
-            density=s.density,
+            density=s.liquids.density[p.fluid[own]],
+            volume=(s.particle_mass / s.liquids.density)[p.fluid[own]],
+            fraction=np.ones(p.owned) if near is None else near.fraction[own],
         )
 
     def _sample(self):

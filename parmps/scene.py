@@ -188,7 +188,17 @@ class StandingWave(Kind):
 
     kind: Literal["standing_wave"] = setting("velocity field of a linear standing wave")
     mode: int = setting("number of half wavelengths along the tank", default=1, ge=1, le=1000, strict=True)
-    amplitude: Number = setting("amplitude that the wave will reach at the wall", "m", ge=-1e3, le=1e3)
+    amplitude: Number = setting(
+        "amplitude that the wave will reach at the wall, where its elevation is greatest", "m", ge=-1e3, le=1e3
+    )
+    branch: int = setting(
+        "which of the waves of this length, one a moving boundary of the layers: 1 is the fastest, that of the "
+        "free surface",
+        default=1,
+        ge=1,
+        le=20,
+        strict=True,
+    )
 
 
 class UniformVelocity(Kind):
@@ -307,6 +317,16 @@ class InterfaceProbe(Kind):
     at: Columns = setting("position of the gauge: [x] in 2D, [x, y] in 3D", "m")
 
 
+class LiquidProbe(Kind):
+    """Volume, centre of mass and energy of one liquid, and its share that strayed into others."""
+
+    name: Name = setting("column name in probes.csv")
+    kind: Literal["liquid"] = setting(
+        "volume, centre of mass and energy of one liquid, and its share that strayed into others"
+    )
+    fluid: Name = setting("name of the fluid")
+
+
 class ForceProbe(Kind):
     """Force and moment of the liquid on the tank and on each baffle."""
 
@@ -314,7 +334,7 @@ class ForceProbe(Kind):
     kind: Literal["force"] = setting("force and moment on the tank and on each baffle")
 
 
-Probe = _union(PressureProbe, ElevationProbe, InterfaceProbe, ForceProbe)
+Probe = _union(PressureProbe, ElevationProbe, InterfaceProbe, LiquidProbe, ForceProbe)
 
 Every = Annotated[Number, Field(gt=0, le=1e6)]
 

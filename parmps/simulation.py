@@ -7,10 +7,12 @@ import numpy as np
 
 from parmps.components import Floating
 from parmps.errors import DivergedError
+from parmps.interfaces import Near
 from parmps.kernels import density as density_kernels
 from parmps.kernels.shifting import keep_off_walls
 from parmps.kernels.velocity import body_force, greatest_distance, greatest_speed
 from parmps.kernels.weight import lattice
+from parmps.liquids import Liquids
 from parmps.motion import Motion
 from parmps.neighbors import Pairs
 from parmps.particles import FLUID, OUT, Particles
@@ -28,6 +30,8 @@ SORT_EVERY = 400
 """Steps after which particles are sorted again for the sake of the caches."""
 STEADY_STEP = 0.25
 """Bound of the step by the body force f: dt <= 0.25 sqrt(l0 / f)."""
+CAPILLARY_STEP = math.sqrt(0.25 / math.pi)
+"""Bound of the step by surface tension: dt <= sqrt((rho_1 + rho_2) l0^3 / (4 pi sigma)) (Brackbill 1992)."""
 WAVE_STEP = 0.2
 """Bound of the step by the liquid's head f h where it moves before its pressure is known: dt <= 0.2 l0 / sqrt(f h)."""
 VISCOUS_STEP = 0.2
@@ -65,7 +69,7 @@ class Work:
         One row a particle, the halo included.
     """
 
-    def __init__(self, rows, count):
+    def __init__(self, rows, count, liquids):
         for name, width in (("density", 1), ("source", 1), ("rhs", 1), ("smooth", 1)):
             setattr(self, name, np.zeros(rows * width))
         for name, width in (("lean", 3), ("matrix", 6), ("inverse", 6), ("full", 6)):
@@ -76,6 +80,10 @@ class Work:
             setattr(self, name, np.zeros((count, width)))
         self.surface = np.zeros(count, np.int8)
         self.near = np.zeros(count, np.int8)
+        self.nearest = np.empty(rows if liquids.several else 0, np.int32)
+        self.bend = None if liquids.tension is None else np.zeros(count)
+        self.near_interface = None if liquids.sheet is None else Near(rows, count)
+        self.curved = None if liquids.tension is None else Near(rows, count)
 
 
 class Simulation:
@@ -112,14 +120,11 @@ class Simulation:
         scheme = job.scheme
         self.job, self.scheme, self.domain = job, scheme, domain
         self.dimension = job.dimension
-        self.density = job.fluids[0].density
-        self.viscosity = job.fluids[0].kinematic_viscosity
+        self.liquids = Liquids(job)
         placement = place(job, scheme.wall, domain.rank, domain.size, layers=wall_layers(scheme))
         self.geometry = placement.geometry
         self.l0 = placement.spacing
-        self.particle_mass = float(
-            self.density * domain.sum(float(placement.volume.sum())) / max(placement.total_fluid, 1)
-        )
+        self.particle_mass = self._masses(placement)
         self.totals = {"fluid": placement.total_fluid, "total": placement.total}
         self.motion = Motion(job.motion, job.gravity, job.dimension, job.tank)
         self.lattice = lattice(job.dimension, scheme.radius)
@@ -159,9 +164,7 @@ class Simulation:
         self.distribute()
         self.initial_energy = self.kinetic_energy()
         at = self.particles.position[: self.particles.liquid, 2]
-        mean_height = self.domain.sum(float(at.sum())) / self.totals["fluid"]
-        weight = self.particle_mass * self.totals["fluid"] * np.linalg.norm(self.frame.force)
-        self.energy_scale = weight * mean_height
+        self.energy_scale = np.linalg.norm(self.frame.force) * self.domain.sum(self.mass_sum(at))
 
     # Distribution
 
@@ -185,7 +188,7 @@ class Simulation:
         if len(p) != p.owned:
             p.resize(p.owned)
         self.domain.build_halo(p, self.halo_width)
-        self.work = Work(p.rows, len(p))
+        self.work = Work(p.rows, len(p), self.liquids)
         self._blocks = None
         self.column = np.full(len(p), -1, np.int32)
         self.column[: p.rows] = self._first_row + np.arange(p.rows)
@@ -244,6 +247,27 @@ class Simulation:
 
     # What the stages use
 
+    def packing(self):
+        """Number density that the liquid should have, over that of the lattice.
+
+        Layers whose depths are no multiples of the spacing begin with lattices that are stretched to fit.
+
+        Returns
+        -------
+        float or (liquid,) float64
+        """
+        if self.fluid is None:
+            return 1.0
+        volume = self.particle_mass / self.liquids.density
+        layered = np.array([fluid.region is None for fluid in self.job.fluids])
+        packing = np.where(layered, self.l0**self.dimension / volume, 1.0)
+        return packing[self.fluid[: self.particles.liquid]]
+
+    @property
+    def fluid(self):
+        """Number of each particle's liquid, or None where there is one liquid: (n,) int8."""
+        return self.particles.fluid if self.liquids.several else None
+
     def blocks(self):
         """Room for this rank's part of the matrix.
 
@@ -282,8 +306,8 @@ class Simulation:
     def count_work(self):
         """Add up the work that the body force does on this rank's liquid in this step."""
         p, w = self.particles, self.work
-        power = np.einsum("ij,ij", w.force[: p.liquid], p.velocity[: p.liquid])
-        self.work_done += self.particle_mass * self.dt * power
+        power = np.einsum("ij,ij->i", w.force[: p.liquid], p.velocity[: p.liquid])
+        self.work_done += self.dt * self.mass_sum(power)
 
     def keep_inside(self):
         """Put particles back that a wall should have stopped, and tell those that left an open tank."""
@@ -340,12 +364,14 @@ class Simulation:
             bounds.append(control.cfl * self.l0 / speed)
         if force > 0.0:
             bounds.append(STEADY_STEP * math.sqrt(self.l0 / force))
+        if self.liquids.capillary_rate > 0.0:
+            bounds.append(CAPILLARY_STEP * math.sqrt(self.l0**3 / self.liquids.capillary_rate))
         if self.scheme.position == "moved":
             bounds.append(WAVE_STEP * self.l0 / math.sqrt(max(self._head(), 1e-300)))
         left = until - self.time
         if "viscosity" in self.seconds:
-            explicit = VISCOUS_STEP * self.l0**2 / self.viscosity
-            self.implicit = min(*bounds, left) > IMPLICIT_GAIN * explicit
+            explicit = VISCOUS_STEP * self.l0**2 / self.liquids.viscous_rate
+            self.implicit = not self.liquids.several and min(*bounds, left) > IMPLICIT_GAIN * explicit
             if not self.implicit:
                 bounds.append(explicit)
         steps = max(math.ceil(left / min(bounds) * (1.0 - 1e-9)), 1)
@@ -356,7 +382,9 @@ class Simulation:
         self.activity = self.grid_number + 0.2 * self.courant
         length, frame = max(self.job.tank.size), self.frame
         strength = force + length * (np.linalg.norm(frame.alpha) + np.linalg.norm(frame.omega) ** 2)
-        self.suction = self.density * (0.5 * speed**2 + strength * length)
+        self.suction = float(self.liquids.density.max()) * (0.5 * speed**2 + strength * length)
+        if self.liquids.tension is not None:
+            self.suction += float(self.liquids.tension.max()) / self.l0
         # Two particles of different ranks may approach each other, and move once more before the next look.
         self._stale = 2.0 * (moved + speed * self.dt) > HALO_MARGIN * self.l0
         return int(request)
@@ -437,11 +465,34 @@ class Simulation:
 
     # Sums over the liquid
 
+    def _masses(self, placement):
+        """Mass of a particle of each liquid, so that the sum is that of the volume filled: (liquids,), kg (kg/m)."""
+        liquid = placement.kind == FLUID
+        kinds, count = placement.fluid[liquid], len(self.liquids.density)
+        sums = [np.bincount(kinds, placement.volume[liquid], count), np.bincount(kinds, minlength=count)]
+        volume, number = self.domain.sum(np.array(sums, dtype=float))
+        return self.liquids.density * np.where(number > 0.0, volume / np.maximum(number, 1.0), self.l0**self.dimension)
+
+    def mass_sum(self, values):
+        """Sum of a value times the mass over this rank's liquid.
+
+        Parameters
+        ----------
+        values : (liquid,) float64
+
+        Returns
+        -------
+        float
+        """
+        if self.fluid is None:
+            return float(self.particle_mass[0] * values.sum())
+        return float(self.particle_mass[self.fluid[: len(values)]] @ values)
+
     def kinetic_energy(self):
         """Kinetic energy relative to the tank, J (J/m in 2D)."""
         p = self.particles
         v = p.velocity[: p.liquid]
-        return 0.5 * self.particle_mass * float(self.domain.sum(np.einsum("ij,ij", v, v)))
+        return 0.5 * float(self.domain.sum(self.mass_sum(np.einsum("ij,ij->i", v, v))))
 
     def energy_drift(self):
         """Energy that came from nowhere (or, negative, went to heat), over the energy of the liquid.

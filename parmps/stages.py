@@ -13,8 +13,17 @@ from typing import NamedTuple
 import numpy as np
 
 from parmps.components import floating_components
+from parmps.interfaces import (
+    correct_acceleration,
+    correct_divergence,
+    find_curvature,
+    find_interfaces,
+    label_walls,
+    limit_shifting,
+)
 from parmps.kernels import density, gradient, poisson, shifting, velocity, viscosity
 from parmps.kernels.weight import weight
+from parmps.liquids import Liquids
 from parmps.particles import DUMMY, FLUID, WALL
 
 VOLUME_EVERY = 10
@@ -86,9 +95,31 @@ def make_plan(job, ranks):
         return []
 
     viscous, why = viscosity_matters(job)
+    several = len(job.fluids) > 1
     halo = when(ranks > 1, "halo", f"particles of {ranks} ranks see each other", refresh_halo, "one rank")
     search = [Stage("neighbours", "every operator sums over neighbours", find_neighbours)]
     viscosity = when(viscous, "viscosity", why, add_viscosity, why)
+    walls = when(
+        several,
+        "wall liquids",
+        f"walls have the density of the one of {len(job.fluids)} liquids next to them",
+        label_walls,
+        "one liquid",
+    )
+    interfaces = when(
+        Liquids(job).sheet is not None,
+        "interfaces",
+        "velocity and pressure gradient jump between liquids",
+        find_interfaces,
+        "all liquids have one density" if several else "one liquid",
+    )
+    curvature = when(
+        Liquids(job).tension is not None,
+        "curvature",
+        "surface tension makes the pressure jump",
+        find_curvature,
+        "no surface tension",
+    )
     contact = when(
         scheme.collision_distance > 0.0,
         "contacts",
@@ -131,7 +162,9 @@ def make_plan(job, ranks):
         [
             *halo,
             *search,
+            *walls,
             moments,
+            *interfaces,
             Stage("impulse", "walls stop the initial velocity at once", balance_impulse),
             Stage("divergence", "source of the pressure equation", measure_divergence),
             Stage("pressure", "incompressibility", solve_pressure),
@@ -139,7 +172,10 @@ def make_plan(job, ranks):
         [
             *halo,
             *search,
+            *walls,
             moments,
+            *interfaces,
+            *curvature,
             *volume,
             Stage("body force", "gravity and the tank's motion, balanced in the pressure equation", predict),
             *viscosity,
@@ -168,7 +204,7 @@ def viscosity_matters(job):
     str
         The reason, with numbers.
     """
-    nu = max(fluid.kinematic_viscosity for fluid in job.fluids)
+    nu = Liquids(job).viscous_rate
     if nu == 0.0:
         return False, "the viscosity is 0"
     if job.scheme.preset == "papers":
@@ -270,7 +306,8 @@ def smooth_density(sim):
         source = near.copy()
         sim.domain.exchange(source)
         density.spread(source, *sim.pairs.lists, p.liquid, near)
-    return w.smooth[: p.liquid] / sim.wide_lattice.smooth_density, near[: p.liquid] == 0
+    full = sim.wide_lattice.smooth_density * sim.packing()
+    return w.smooth[: p.liquid] / full, near[: p.liquid] == 0
 
 
 # Explicit part
@@ -319,14 +356,15 @@ def add_viscosity(sim):
     p, s, w, lat = sim.particles, sim.scheme, sim.work, sim.lattice
     operator = (*sim.pairs.lists, sim.l0, s.radius, lat.density, lat.lam, sim.dimension)
     walls = (p.kind, p.normal, p.depth)
+    table = sim.liquids.viscosity
     if not sim.implicit:
         velocity.add_viscosity(
-            p.position, p.velocity, *walls, sim.viscosity, *operator, sim.dt, p.liquid, w.intermediate
+            p.position, p.velocity, *walls, table, *operator, sim.dt, p.liquid, w.intermediate, sim.fluid
         )
         return
     blocks = sim.blocks()
     viscosity.viscosity_rows(
-        p.position, *walls, sim.dt * sim.viscosity, sim.column, *operator, *blocks.arrays
+        p.position, *walls, sim.dt * table[0, 0], sim.column, *operator, *blocks.arrays
     )
     sim.velocity_solver.solve(blocks, w.intermediate[: p.rows], (0, 1, 2) if sim.dimension == 3 else (0, 2))
 
@@ -343,6 +381,8 @@ def add_contacts(sim):
         weight(s.collision_distance, s.radius) / (s.collision_distance * sim.l0) ** 2,
         p.liquid,
         sim.work.intermediate,
+        sim.fluid,
+        sim.liquids.share,
     )
 
 
@@ -396,6 +436,9 @@ def measure_divergence(sim):
     )
     w.source[:] = 0.0
     trace = w.gradient[:rows, 0] + w.gradient[:rows, 4] + w.gradient[:rows, 8]
+    if w.near_interface is not None:
+        index, values = correct_divergence(sim)
+        trace[index] = values
     over = w.density[:rows] / n0
     if s.position == "moved":  # [004] eq. 12
         w.source[:rows] = (1.0 - s.gamma) * trace / sim.dt - s.gamma * (over - 1.0) / sim.dt**2
@@ -405,6 +448,7 @@ def measure_divergence(sim):
         rate = max(1.0 / s.volume_time, VOLUME_SHARE * sim.courant / sim.dt)
         rate = min(rate, 0.5 / (VOLUME_EVERY * sim.dt))
         trace = trace - p.compression[:rows] * rate
+    over = over / sim.packing()
     share = min(s.separation * (sim.grid_number + sim.courant), 0.2)
     trace = trace - share * np.maximum(over - s.overdensity, 0.0) / sim.dt
     w.source[:rows] = trace / sim.dt
@@ -430,12 +474,17 @@ def solve_pressure(sim):
         lat.density,
         lat.lam,
         sim.dimension,
-        sim.density,
+        sim.liquids.reference,
         0.5 if s.gradient == "corrected" else 1.0,
         s.surface == "ghost",
         *blocks.arrays,
         blocks.at_diagonal,
         w.rhs,
+        sim.fluid,
+        sim.liquids.volume,
+        sim.liquids.share,
+        sim.liquids.tension,
+        w.bend,
     )
     if sim.check_floating():
         held = w.surface[: p.rows]
@@ -471,6 +520,10 @@ def accelerate(sim):
         RESIDUAL_DAMPING * sim.dt / sim.l0,
         p.liquid,
         w.change,
+        sim.fluid,
+        sim.liquids.share,
+        sim.liquids.sheet,
+        None if w.near_interface is None else w.near_interface.normal,
     )
     velocity.accelerate(w.intermediate, w.change, w.link_force, sim.dt, p.liquid, p.acceleration, p.velocity)
     sim.count_work()
@@ -493,6 +546,10 @@ def pressure_gradient(sim):
             sim.dimension,
             p.liquid,
             p.acceleration,
+            sim.fluid,
+            sim.liquids.volume,
+            sim.liquids.tension,
+            w.bend,
         )
     else:
         extrapolate_to_dummies(sim)
@@ -507,7 +564,9 @@ def pressure_gradient(sim):
             p.liquid,
             p.acceleration,
         )
-    p.acceleration[: p.liquid] /= sim.density
+    p.acceleration[: p.liquid] /= sim.liquids.reference
+    if w.near_interface is not None:
+        correct_acceleration(sim)
 
 
 def move(sim):
@@ -516,6 +575,10 @@ def move(sim):
     density.surface_normals(
         p.position, w.asymmetry, w.surface, *sim.pairs.wet, sim.strength, p.liquid, w.surface_normal
     )
+    beyond = None
+    if w.near_interface is not None:
+        beyond = w.near_interface.beyond
+        limit_shifting(sim)
     shifting.move(
         p.position,
         p.velocity,
@@ -530,6 +593,7 @@ def move(sim):
         min(s.shifting * (sim.grid_number + sim.courant), 0.2),
         sim.dt,
         p.liquid,
+        beyond,
     )
     sim.keep_inside()
 
@@ -562,4 +626,4 @@ def extrapolate_to_dummies(sim):
     known = p.id[parent] == p.parent[dummies]
     dummies, parent = dummies[known], parent[known]
     jump = (p.position[dummies] - p.position[parent]) @ sim.frame.force
-    p.pressure[dummies] = np.where(p.pressure[parent] != 0.0, p.pressure[parent] + sim.density * jump, 0.0)
+    p.pressure[dummies] = np.where(p.pressure[parent] != 0.0, p.pressure[parent] + sim.liquids.reference * jump, 0.0)

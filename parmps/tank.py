@@ -7,6 +7,7 @@ import h5py
 import numpy as np
 from scipy.spatial import cKDTree
 
+from parmps import waves
 from parmps.errors import InputError
 from parmps.kernels.walls import distances
 from parmps.lattice import ROUNDING, Geometry, build_geometry, distance_to_box
@@ -80,13 +81,10 @@ def require_supported(job):
     ------
     InputError
     """
-    if len(job.fluids) > 1:
-        raise InputError("fluids", f"got {len(job.fluids)} fluids, more than one is not yet supported")
-    if job.interfaces:
-        raise InputError("interfaces", "not yet supported")
-    for number, probe in enumerate(job.probes):
-        if probe.kind == "interface":
-            raise InputError(f"probes[{number}].kind", "got 'interface', not yet supported")
+    if len(job.fluids) > 1 and job.scheme.position == "moved":
+        raise InputError("scheme.position", "got 'moved', not yet supported with several fluids; use start")
+    if len(job.fluids) > 1 and job.scheme.gradient != "corrected":
+        raise InputError("scheme.gradient", "must be corrected with several fluids; others are not yet supported")
 
 
 def place(job, wall, part=0, parts=1, layers=3):
@@ -242,14 +240,16 @@ def _fluid_at(job, geometry, position, layer):
     layers = itertools.count()
     for number, fluid in enumerate(job.fluids):
         here = layer == next(layers) if fluid.region is None else _in_region(geometry, fluid.region, position)
-        twice = here & (found >= 0)
+        # a region displaces layers; no two regions share a place
+        alike = [k for k in range(number) if (job.fluids[k].region is None) == (fluid.region is None)]
+        twice = here & np.isin(found, alike)
         if twice.any():
             at = position[np.argmax(twice)]
             other = job.fluids[found[np.argmax(twice)]].name
             raise InputError(
                 f"fluids[{number}]", f"overlaps '{other}': both have a particle at {_point(geometry, at)}"
             )
-        found[here] = number
+        found[here & (found < 0) if fluid.region is None else here] = number
     for box in geometry.walls.solids:
         near = FLUID_CLEARANCE[geometry.wall] - ROUNDING
         found[distance_to_box(position, box) < near * geometry.spacing] = -1
@@ -315,6 +315,8 @@ def _filled_volume(job, geometry, number, count):
     if geometry.dimension == 2:
         low[1], high[1] = -0.5, 0.5
     if fluid.region is None:
+        if any(other.region for other in job.fluids):  # they may displace a part of the layer
+            return count * geometry.spacing**geometry.dimension
         low[2] = sum(depth or 0.0 for depth in job.depths[:number])
         high[2] = low[2] + job.depths[number]
         return _volume_outside(low, high, geometry.walls.solids)
@@ -528,9 +530,8 @@ def _face_opening(opening, solid, position, index, rank, outward, to_face):
 def initial_velocity(job, placement):
     """Velocity of the particles at the start, relative to a tank at rest.
 
-    A standing wave starts flat: surface elevation A sin(omega t) cos(k x) with k = mode pi / length, so that
-    the velocity is that of linear theory (potential A omega / k cosh(k z) / sinh(k h) cos(k x), omega^2 =
-    g k tanh(k h)) at the instant of its zero.
+    A standing wave starts flat: the elevation of a layer's top is A_n sin(omega t) cos(k x) with k = mode pi /
+    length, so that the velocity is that of linear theory (`waves.velocity`) at the instant of its zero.
 
     Parameters
     ----------
@@ -551,7 +552,7 @@ def initial_velocity(job, placement):
     liquid = placement.kind == FLUID
     initial = job.initial
     if initial.kind == "standing_wave":
-        velocity[liquid] = _standing_wave(job, placement.position[liquid])
+        velocity[liquid] = _standing_wave(job, placement.position[liquid], placement.fluid[liquid])
     elif initial.kind == "velocity":
         names = [fluid.name for fluid in job.fluids]
         chosen = liquid & (placement.fluid == names.index(initial.fluid))
@@ -561,18 +562,45 @@ def initial_velocity(job, placement):
     return velocity
 
 
-def _standing_wave(job, position):
-    depth = sum(job.depths)
-    k = job.initial.mode * np.pi / job.tank.length
-    speed = job.initial.amplitude * np.sqrt(job.gravity * k * np.tanh(k * depth))
-    x, z = position[:, 0], position[:, 2]
-    # cosh(kz)/sinh(kh) and sinh(kz)/sinh(kh) without the overflow of short waves
-    rising, falling = np.exp(k * (z - depth)), np.exp(-k * (z + depth))
-    scale = speed / (1 - np.exp(-2 * k * depth))
+def _standing_wave(job, position, fluid):
+    k, omega, shape = standing_wave(job)
+    speed = job.initial.amplitude * omega * shape
     velocity = np.zeros_like(position)
-    velocity[:, 0] = -scale * (rising + falling) * np.sin(k * x)
-    velocity[:, 2] = scale * (rising - falling) * np.cos(k * x)
+    velocity[:, 0], velocity[:, 2] = waves.velocity(
+        waves.layers_of(job), k, speed, position[:, 0], position[:, 2], fluid
+    )
     return velocity
+
+
+def standing_wave(job):
+    """Linear wave that a job starts with.
+
+    Parameters
+    ----------
+    job : Job
+
+    Returns
+    -------
+    k : float, rad/m
+    omega : float, rad/s
+    shape : (n,) float64
+        Elevations of the layers' tops over the greatest of them.
+
+    Raises
+    ------
+    InputError
+        There is no such wave.
+    """
+    initial = job.initial
+    k = initial.mode * np.pi / job.tank.length
+    omega2, shape = waves.modes(waves.layers_of(job), k)
+    if initial.branch > len(omega2):
+        most = len(omega2)
+        raise InputError("initial.branch", f"got {initial.branch}, must be at most {most}, the boundaries that move")
+    at = initial.branch - 1
+    if omega2[at] <= 0.0:
+        raise InputError("initial.kind", "a standing wave needs layers that are stable: the heavier ones below")
+    return k, float(np.sqrt(omega2[at])), shape[:, at]
 
 
 def _three(vectors):

@@ -82,10 +82,10 @@ BAD = {
     ),
     "not yet": (
         (
-            "{name: water, depth: 0.15, kinematic_viscosity: 1.0e-6}",
-            "{name: a, depth: 0.1}, {name: b, depth: 0.1}",
+            "{name: water, depth: 0.15, kinematic_viscosity: 1.0e-6}]",
+            "{name: a, depth: 0.1}, {name: b, depth: 0.1}]\nscheme: papers",
         ),
-        "fluids",
+        "scheme.position",
         "not yet",
     ),
     "no YAML": (("title: Short", "title: [Short"), None, ""),

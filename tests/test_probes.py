@@ -196,3 +196,69 @@ def test_gauge_in_3d():
     job = make_job("{name: g, kind: elevation, at: [0.01, 0.155]}", (0.6, 0.31, 0.5), 0.2, 0.02)
     p = place(job, "half")
     assert measure(job, hydrostatic(p, 0.2), p.geometry)["g [m]"] == pytest.approx(0.2, abs=0.1 * 0.02)
+
+
+def layered(position, heights, spacing=0.01):
+    """State with liquids between given functions of x: number of the first whose top is above the particle."""
+    number = np.sum([position[:, 2] > height(position[:, 0]) for height in heights], axis=0)
+    n = len(position)
+    return SimpleNamespace(
+        position=position, velocity=np.zeros((n, 3)), kind=np.full(n, FLUID), fluid=number.astype(np.int8),
+        spacing=spacing, force=np.array([0.0, 0.0, -G]), density=RHO, volume=np.full(n, spacing**2),
+        compression=np.zeros(n), fraction=np.ones(n),
+    )  # fmt: skip
+
+
+def three_layer_job(probes):
+    fluids = ", ".join(f"{{name: {name}, depth: {d}}}" for name, d in (("a", 0.1), ("b", 0.15), ("c", 0.2)))
+    return parse_job(
+        f"dimension: 2\nspacing: 0.01\ntank: {{size: [0.8, 0.6]}}\nfluids: [{fluids}]\ntime: {{end: 1.0}}\n"
+        f"probes: [{probes}]\n"
+    )
+
+
+@pytest.mark.parametrize("x", [0.0, 0.3, 0.8])
+def test_interfaces_between_layers(x):
+    pairs = {"ab": "[b, a]", "bc": "[b, c]"}
+    probes = ", ".join(f"{{name: {n}, kind: interface, between: {p}, at: [{x}]}}" for n, p in pairs.items())
+    job = three_layer_job(probes)
+    p = place(job, "half")
+    position = p.position[p.kind == FLUID]
+    flat = [lambda x: 0.1 + 0 * x, lambda x: 0.25 + 0 * x]
+    values = measure(job, layered(position, flat), p.geometry)
+    assert values == pytest.approx({"ab [m]": 0.1, "bc [m]": 0.25}, abs=1e-3)
+    sloped = [lambda x: 0.1 + 0.1 * (x - 0.4), lambda x: 0.25 - 0.05 * (x - 0.4)]
+    values = measure(job, layered(position, sloped), p.geometry)
+    assert values == pytest.approx({"ab [m]": sloped[0](x), "bc [m]": sloped[1](x)}, abs=4e-3)
+    # a drop of c in b, and one of b in c
+    state = layered(position, flat)
+    for z, number in ((0.2, 2), (0.35, 1)):
+        state.fluid[np.hypot(position[:, 0] - x, position[:, 2] - z) < 0.015] = number
+    assert measure(job, state, p.geometry)["bc [m]"] == pytest.approx(0.25, abs=1e-3)
+    # where b is missing, its end is where the other one begins or ends
+    state = layered(position, [flat[1], flat[1]])
+    assert measure(job, state, p.geometry) == pytest.approx({"ab [m]": 0.25, "bc [m]": 0.25}, abs=3e-3)
+    assert measure(job, layered(position[:0], flat), p.geometry) == {"ab [m]": 0.0, "bc [m]": 0.0}
+
+
+def test_a_liquid():
+    job = three_layer_job("{name: middle, kind: liquid, fluid: b}")
+    p = place(job, "half")
+    state = layered(p.position[p.kind == FLUID], [lambda x: 0.1 + 0 * x, lambda x: 0.25 + 0 * x])
+    state.velocity[:, 0] = 2.0
+    own = np.flatnonzero(state.fluid == 1)
+    state.fraction[own[:12]] = 0.4
+    state.fraction[state.fluid != 1] = 0.1
+    values = measure(job, state, p.geometry)
+    mass = RHO * 0.8 * 0.15
+    assert values == pytest.approx(
+        {
+            "middle.volume [m2]": 0.8 * 0.15,
+            "middle.x [m]": 0.4,
+            "middle.z [m]": 0.175,
+            "middle.energy [J/m]": mass * (0.5 * 4.0 + G * 0.175),
+            "middle.strayed [-]": 12 / len(own),
+        }
+    )
+    state.compression[:] = 0.01
+    assert measure(job, state, p.geometry)["middle.volume [m2]"] == pytest.approx(0.8 * 0.15 / 1.01)

@@ -184,8 +184,8 @@ def test_a_spacing_that_does_not_fit_is_refused():
 @pytest.mark.parametrize(
     ("more", "key"),
     [
-        ("probes: [{name: i, kind: interface, between: [a, b], at: [0.1]}]", "fluids"),
-        ("interfaces: [{between: [a, b]}]", "fluids"),
+        ("scheme: papers", "scheme.position"),
+        ("scheme: {gradient: sum}", "scheme.gradient"),
     ],
 )
 def test_not_yet(more, key):

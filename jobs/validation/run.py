@@ -10,7 +10,8 @@ A case is a directory with ``case.yaml``, the job; ``README.md``; reference data
 - ``TARGETS``: by measure, the largest error of `accurate`, one for all spacings or one each, perhaps by variant;
   `balanced` is allowed 1.5 times as much;
 - ``measure(results)``: the errors of a run by name; ``plot(figure, runs)``: the picture;
-- ``initial(job)``: position and velocity of the liquid at the start, (n, 3), or None for those of the job (optional).
+- ``initial(job)``: position and velocity of the liquid at the start, (n, 3), and numbers of the liquids if there are
+  several, (n,), or None for those of the job (optional).
 
 A run is kept in out/validation until the code, the job or its settings change, so that a stopped validation goes on
 where it was. Each case's part of the report is <case>/results.md, from all of its runs that are kept; together they
@@ -106,7 +107,8 @@ def write_state(state, directory):
     if not state:
         return []
     with h5py.File(directory / "state.h5", "w") as file:
-        file["position"], file["velocity"] = state
+        for name, values in zip(("position", "velocity", "fluid"), state, strict=False):
+            file[name] = values
     return [f"initial={{kind: file, path: {directory / 'state.h5'}}}"]
 
 

@@ -3,11 +3,29 @@
 import math
 
 from parmps.kernels.compiled import compiled
+from parmps.kernels.interface import pressure_jump
 
 
 @compiled
 def corrected_gradient(
-    position, pressure, surface, lean, first, last, other, strength, inverse, l0, n0, dimension, rows, out
+    position,
+    pressure,
+    surface,
+    lean,
+    first,
+    last,
+    other,
+    strength,
+    inverse,
+    l0,
+    n0,
+    dimension,
+    rows,
+    out,
+    fluid=None,
+    volume=None,
+    tension=None,
+    bend=None,
 ):
     """Gradient from P_j - P_i with the inverse moment matrix, exact for linear fields (Duan 2018).
 
@@ -35,6 +53,8 @@ def corrected_gradient(
     dimension, rows : int
     out : (n, 3) float64, Pa/m
         Filled for the rows.
+    fluid, volume, tension, bend
+        As in `poisson_rows`: with several liquids it is grad P / rho, times the reference density.
     """
     scale = dimension / n0
     for i in range(rows):
@@ -44,13 +64,21 @@ def corrected_gradient(
         for k in range(first[i], last[i]):
             j = other[k]
             there = pressure[j] if surface[j] == 0 else max(pressure[j], 0.0)
-            s = strength[k] * (there - here)
+            s = strength[k]
+            if fluid is None:
+                s *= there - here
+            else:
+                if tension is not None:
+                    there -= pressure_jump(fluid[i], fluid[j], tension, bend[i], bend[j])
+                s *= volume[fluid[i], fluid[j]] * (there - here)
             gx += s * (position[j, 0] - x)
             gz += s * (position[j, 2] - z)
             if dimension == 3:
                 gy += s * (position[j, 1] - y)
         if surface[i] != 0:
             s = 2.0 * here / l0
+            if fluid is not None:
+                s *= volume[fluid[i], fluid[i]]
             gx -= s * lean[i, 0]
             gy -= s * lean[i, 1]
             gz -= s * lean[i, 2]
@@ -131,7 +159,24 @@ def paper_gradient(position, pressure, first, other, strength, n0, dimension, mi
 
 @compiled
 def residual_damping(
-    position, velocity, kind, gradient, first, last, other, strength, n0, dimension, base, slope, rows, out
+    position,
+    velocity,
+    kind,
+    gradient,
+    first,
+    last,
+    other,
+    strength,
+    n0,
+    dimension,
+    base,
+    slope,
+    rows,
+    out,
+    fluid=None,
+    share=None,
+    sheet=None,
+    normal=None,
 ):
     """Velocity change that damps what a linear field cannot explain.
 
@@ -158,6 +203,10 @@ def residual_damping(
     rows : int
     out : (n, 3) float64, m/s
         Filled for the rows.
+    fluid, share
+        As in `poisson_rows`: heavier particles change less.
+    sheet, normal
+        As in `interface.divergence`.
     """
     for i in range(rows):
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
@@ -178,7 +227,13 @@ def residual_damping(
                 rx -= (g[1] + h[j, 1]) * dy
                 rz -= (g[7] + h[j, 7]) * dy
                 ry = velocity[j, 1] - v - (g[3] + h[j, 3]) * dx - (g[4] + h[j, 4]) * dy - (g[5] + h[j, 5]) * dz
+            if sheet is not None and sheet[fluid[i], fluid[j]]:  # tangentially, liquids may slip
+                nx, ny, nz = normal[i, 0] - normal[j, 0], normal[i, 1] - normal[j, 1], normal[i, 2] - normal[j, 2]
+                along = (rx * nx + ry * ny + rz * nz) / (nx * nx + ny * ny + nz * nz + 1e-300)
+                rx, ry, rz = along * nx, along * ny, along * nz
             s *= min(base + slope * math.sqrt(rx * rx + ry * ry + rz * rz), 0.3)
+            if fluid is not None:
+                s *= 2.0 * share[fluid[j], fluid[i]]
             ax += s * rx
             ay += s * ry
             az += s * rz

@@ -3,6 +3,7 @@
 import math
 
 from parmps.kernels.compiled import compiled
+from parmps.kernels.interface import pressure_jump
 
 WEAKEST_WALL = 0.08
 """Least sum of weights of a wall particle's links: that of a particle in the corner of a 3D tank."""
@@ -37,6 +38,11 @@ def poisson_rows(
     halo_values,
     at_diagonal,
     rhs,
+    fluid=None,
+    volume=None,
+    share=None,
+    tension=None,
+    bend=None,
 ):
     """Assemble sum_j c W_ij [P_i - P_j + rho f_ij . (r_j - r_i)] = -rho s_i, with c = 2D/(n0 lambda l0^2).
 
@@ -44,6 +50,11 @@ def poisson_rows(
     the two ends, so that a hydrostatic pressure solves the equation exactly however disordered the particles
     are. Links to walls count ``wall_share``: on a lattice the wall particles, which have no links among
     themselves, carry twice the flux along the wall that an even reflection would, so half is right.
+
+    Between liquids of different density the equation is one of accelerations: the link's specific volume
+    2 / (rho_i + rho_j) stands for 1 / rho, and f_ij is the mean by mass, so that layers at rest have their
+    pressure exactly and a tangential acceleration that jumps with the density does no harm. Surface tension
+    is a jump of the pressure on the links across the interface, balanced as exactly.
 
     In the surface, ``ghost`` closes the support with particles of zero pressure half a spacing above the
     particle (after Shibata 2015): their weight is that of the missing first moment, so that pressure-free
@@ -74,7 +85,7 @@ def poisson_rows(
         Lattice constants of that radius.
     dimension : int
     density : float
-        rho, kg/m3.
+        rho, kg/m3, or the reference density of ``volume``.
     wall_share : float
     ghost : bool
     row_first : (rows + 1,) int32
@@ -87,6 +98,13 @@ def poisson_rows(
         Filled: where in ``values`` the diagonal is.
     rhs : (rows,) float64
         Filled.
+    fluid : None or (n,) int8
+        Number of each particle's liquid, that of the liquid next to it for a wall; None for a single liquid.
+    volume, share, tension
+        Tables of `Liquids`.
+    bend : None or (n,) float64, 1/m
+        Curvature of the interface near each particle, positive where its own liquid is convex; None without
+        surface tension.
     """
     scale = 2.0 * dimension / (n0 * lam * l0 * l0)
     rows = rhs.shape[0]
@@ -103,7 +121,10 @@ def poisson_rows(
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
         at_diagonal[i] = count
         count += 1
-        diagonal = flux = held = 0.0
+        diagonal = flux = jumps = held = 0.0
+        own = 1.0
+        if fluid is not None:
+            own = volume[fluid[i], fluid[i]]
         liquid = kind[i] == 0
         hx, hy, hz = link_force[i, 0], link_force[i, 1], link_force[i, 2]
         for k in range(first[i], last[i]):
@@ -114,12 +135,20 @@ def poisson_rows(
             dx, dy, dz = position[j, 0] - x, position[j, 1] - y, position[j, 2] - z
             w = s * (dx * dx + dy * dy + dz * dz)
             if liquid and kind[j] == 0:
-                fx, fy, fz = hx + link_force[j, 0], hy + link_force[j, 1], hz + link_force[j, 2]
-                flux += 0.5 * w * (fx * dx + fy * dy + fz * dz)
+                a = 0.5
+                if fluid is not None:
+                    a = share[fluid[i], fluid[j]]
+                b = 1.0 - a
+                fx, fy, fz = a * hx + b * link_force[j, 0], a * hy + b * link_force[j, 1], a * hz + b * link_force[j, 2]
+                flux += w * (fx * dx + fy * dy + fz * dz)
             else:
                 w *= wall_share
                 f = i if liquid else j
                 flux += w * (wall_force[f, 0] * dx + wall_force[f, 1] * dy + wall_force[f, 2] * dz)
+            if fluid is not None:
+                w *= volume[fluid[i], fluid[j]]
+                if tension is not None:
+                    jumps += w * pressure_jump(fluid[i], fluid[j], tension, bend[i], bend[j])
             diagonal += w
             if surface[j] != 0 and not ghost:
                 continue
@@ -139,19 +168,19 @@ def poisson_rows(
                 mx -= w * dx
                 my -= w * dy
                 mz -= w * dz
-            diagonal += max(2.0 * math.sqrt(mx * mx + my * my + mz * mz) / l0, n0 - total)
+            diagonal += own * max(2.0 * math.sqrt(mx * mx + my * my + mz * mz) / l0, n0 - total)
             flux += hx * mx + hy * my + hz * mz
         if kind[i] != 0:
             # Weak links come and go with every step; with the diagonal following them down to nothing, the
             # preconditioner of an earlier step would magnify these rows. So they are held at the last
             # pressure. A dry wall particle has no links, and no pressure.
-            if 0.0 < diagonal < WEAKEST_WALL:
-                held = scale * (WEAKEST_WALL - diagonal) * pressure[i]
-            diagonal = max(diagonal, WEAKEST_WALL)
+            if 0.0 < diagonal < own * WEAKEST_WALL:
+                held = scale * (own * WEAKEST_WALL - diagonal) * pressure[i]
+            diagonal = max(diagonal, own * WEAKEST_WALL)
         elif diagonal == 0.0:  # a fluid particle alone
-            diagonal = n0
+            diagonal = own * n0
         columns[at_diagonal[i]], values[at_diagonal[i]] = i, scale * diagonal
-        rhs[i] = held - density * (source[i] + scale * flux)
+        rhs[i] = held - scale * jumps - density * (source[i] + scale * flux)
         row_first[i + 1], halo_first[i + 1] = count, beyond
 
 

@@ -8,7 +8,20 @@ from parmps.kernels.walls import wall_distance
 
 @compiled
 def move(
-    position, velocity, kind, asymmetry, surface, surface_normal, lean, gradient, l0, surface_lean, shift, dt, rows
+    position,
+    velocity,
+    kind,
+    asymmetry,
+    surface,
+    surface_normal,
+    lean,
+    gradient,
+    l0,
+    surface_lean,
+    shift,
+    dt,
+    rows,
+    beyond=None,
 ):
     """R += dt v + shift l0 F, tangential at the surface; surface particles move as the surface above them does.
 
@@ -38,6 +51,8 @@ def move(
     dt : float
         s.
     rows : int
+    beyond : None or (rows, 3) float64
+        As in `interface.normals`: particles beside another liquid move as the interface does.
     """
     for i in range(rows):
         if kind[i] != 0:
@@ -54,9 +69,13 @@ def move(
         py = dt * velocity[i, 1] + reach * sy
         pz = dt * velocity[i, 2] + reach * sz
         g = gradient[i]
+        qx = qy = qz = 0.0
         if surface[i] != 0:
             qx, qy, qz = lean[i, 0], lean[i, 1], lean[i, 2]
-            size = math.sqrt(qx * qx + qy * qy + qz * qz) + 1e-300
+        elif beyond is not None:
+            qx, qy, qz = beyond[i, 0], beyond[i, 1], beyond[i, 2]
+        size = math.sqrt(qx * qx + qy * qy + qz * qz)
+        if size > 0.0:
             half = 0.5 * l0 * dt * min(size / surface_lean, 1.0) / size
             ex = half * (g[0] * qx + g[1] * qy + g[2] * qz)
             ey = half * (g[3] * qx + g[4] * qy + g[5] * qz)

@@ -238,7 +238,23 @@ def velocity_gradient(position, velocity, first, last, other, strength, inverse,
 
 @compiled
 def add_viscosity(
-    position, velocity, kind, normal, depth, viscosity, first, other, l0, reach, n0, lam, dimension, dt, rows, out
+    position,
+    velocity,
+    kind,
+    normal,
+    depth,
+    viscosity,
+    first,
+    other,
+    l0,
+    reach,
+    n0,
+    lam,
+    dimension,
+    dt,
+    rows,
+    out,
+    fluid=None,
 ):
     """Add dt nu lap v, lap v = 2D/(n0 lambda) sum (v_j - v_i) W ([004] eq. 7), with no slip at the walls.
 
@@ -251,8 +267,8 @@ def add_viscosity(
     kind : (n,) int8
     normal, depth
         Of the walls, as in `reflect_at_walls`.
-    viscosity : float
-        Kinematic, m2/s.
+    viscosity : (liquids, liquids) float64
+        Kinematic, m2/s, as in `Liquids`.
     first, other
         Neighbour lists.
     l0 : float
@@ -265,8 +281,10 @@ def add_viscosity(
     rows : int
     out : (n, 3) float64, m/s
         Velocity that is added to, for the rows.
+    fluid : None or (n,) int8
+        As in `poisson_rows`.
     """
-    scale = dt * viscosity * 2.0 * dimension / (n0 * lam * l0 * l0)
+    scale = dt * 2.0 * dimension / (n0 * lam * l0 * l0)
     for i in range(rows):
         ax = ay = az = 0.0
         for k in range(first[i], first[i + 1]):
@@ -279,7 +297,13 @@ def add_viscosity(
             r2 = dx * dx + dy * dy + dz * dz
             if r2 >= reach * reach:
                 continue
-            w = weight(math.sqrt(r2), reach)
+            w = scale * weight(math.sqrt(r2), reach)
+            if fluid is None:
+                w *= viscosity[0, 0]
+            elif kind[j] == 0:
+                w *= viscosity[fluid[i], fluid[j]]
+            else:
+                w *= viscosity[fluid[i], fluid[i]]
             if kind[j] == 0:
                 ax += w * (velocity[j, 0] - velocity[i, 0])
                 ay += w * (velocity[j, 1] - velocity[i, 1])
@@ -291,16 +315,18 @@ def add_viscosity(
                 ax -= w * velocity[i, 0]
                 ay -= w * velocity[i, 1]
                 az -= w * velocity[i, 2]
-        out[i, 0] += scale * ax
-        out[i, 1] += scale * ay
-        out[i, 2] += scale * az
+        out[i, 0] += ax
+        out[i, 1] += ay
+        out[i, 2] += az
 
 
 @compiled
-def add_contacts(position, velocity, kind, first, last, other, strength, nearest, rows, out):
+def add_contacts(
+    position, velocity, kind, first, last, other, strength, nearest, rows, out, fluid=None, share=None
+):
     """Stop fluid particles that approach each other from nearer than a least distance, without rebound.
 
-    Every pair shares the impulse equally, as equal masses do; all pairs act at once, so that the order of the
+    Every pair shares the impulse by mass; all pairs act at once, so that the order of the
     particles does not matter.
 
     Parameters
@@ -316,6 +342,8 @@ def add_contacts(position, velocity, kind, first, last, other, strength, nearest
     rows : int
     out : (n, 3) float64, m/s
         Velocity that is added to, for the rows.
+    fluid, share
+        As in `poisson_rows`.
 
     Returns
     -------
@@ -340,7 +368,7 @@ def add_contacts(position, velocity, kind, first, last, other, strength, nearest
             )
             if closing < 0.0:
                 contacts += 1
-                closing *= 0.5 / (dx * dx + dy * dy + dz * dz)
+                closing *= (0.5 if fluid is None else share[fluid[j], fluid[i]]) / (dx * dx + dy * dy + dz * dz)
                 out[i, 0] += closing * dx
                 out[i, 1] += closing * dy
                 out[i, 2] += closing * dz

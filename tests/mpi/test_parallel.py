@@ -203,11 +203,11 @@ def march(comm, steps, redistribute, *overrides):
     result["time"], result["l0"], result["energy"] = sim.time, sim.l0, sim.kinetic_energy()
     result["work"] = sim.domain.sum(sim.work_done)
     liquid = result["kind"] == FLUID
-    result["momentum"] = sim.particle_mass * result["velocity"][liquid].sum(axis=0)
+    result["momentum"] = sim.particle_mass[0] * result["velocity"][liquid].sum(axis=0)
     p = sim.particles
-    partial = sim.particle_mass * p.velocity[: p.liquid].sum(axis=0)
+    partial = sim.particle_mass[0] * p.velocity[: p.liquid].sum(axis=0)
     result["momentum of the ranks"] = sim.domain.sum(partial)
-    result["mass"] = sim.particle_mass * sim.domain.sum(p.liquid)
+    result["mass"] = sim.particle_mass[0] * sim.domain.sum(p.liquid)
     sim.close()
     return result
 
@@ -319,3 +319,16 @@ def test_more_ranks_than_particles(comm):
     one, many = alone(3, *more), march(comm, 3, True, *more)
     assert np.sum(one["kind"] == FLUID) < 10
     assert np.abs(many["position"] - one["position"]).max() < 1e-8 * one["l0"]
+
+
+def test_layers_do_not_depend_on_the_number_of_ranks(comm):
+    """Three liquids with surface tension, whose interfaces run from rank to rank."""
+    fluids = ", ".join(
+        f"{{name: {name}, depth: 0.06, density: {rho}, kinematic_viscosity: 1.0e-4}}"
+        for name, rho in (("a", 1300), ("b", 1000), ("c", 500))
+    )
+    tension = "interfaces=[{between: [a, b], surface_tension: 0.5}, {between: [b, c], surface_tension: 0.1}]"
+    one, many = alone(20, f"fluids=[{fluids}]", tension), march(comm, 20, True, f"fluids=[{fluids}]", tension)
+    assert np.abs(many["position"] - one["position"]).max() < 1e-8 * one["l0"]
+    assert np.abs(many["pressure"] - one["pressure"]).max() < 1e-6 * 2000.0
+    assert many["energy"] == pytest.approx(one["energy"], rel=1e-7)

@@ -1,0 +1,64 @@
+"""A drop at rest: the pressure of Laplace, and the currents that errors of the curvature drive."""
+
+import numpy as np
+
+TITLE = "Static drop"
+SPACINGS = (0.02,)
+BALL = [
+    "dimension=3",
+    "spacing=0.05",
+    "tank={size: [1.0, 1.0, 1.0]}",
+    "fluids=[{name: drop, region: {ball: {centre: [0.5, 0.5, 0.5], radius: 0.3}}, kinematic_viscosity: 0.001},"
+    " {name: bath, depth: 1.0, kinematic_viscosity: 0.001}]",
+    "time.end=4",
+]
+VARIANTS = {"2D": [], "2D, density 1000 : 1": ["fluids[1].density=1"], "3D, 6 spacings": BALL}
+TARGETS = {"jump [%]": 2.0, "capillary number [1e-3]": 1.0}
+
+
+def radius(results):
+    """Of the disc or ball with the volume of the drop's particles, m."""
+    job, number = results.job, results.liquid(0.0)["fluid"]
+    volume = np.prod(job.tank.size) * np.mean(number == 0)
+    return np.sqrt(volume / np.pi) if job.dimension == 2 else (0.75 * volume / np.pi) ** (1.0 / 3.0)
+
+
+def jump(results, time):
+    """Pressure in the drop less that in the bath, over Laplace's."""
+    job, liquid, r0 = results.job, results.liquid(time), radius(results)
+    centre = liquid["position"][liquid["fluid"] == 0].mean(axis=0)
+    r = np.linalg.norm(liquid["position"] - centre, axis=1)
+    found = liquid["pressure"][r < 0.7 * r0].mean() - liquid["pressure"][r > 1.3 * r0].mean()
+    return found / ((job.dimension - 1) * job.interfaces[0].surface_tension / r0)
+
+
+def capillary(results, time):
+    """Greatest speed times viscosity over surface tension."""
+    job, speed = results.job, np.linalg.norm(results.liquid(time)["velocity"], axis=1).max()
+    viscosity = max(fluid.density * fluid.kinematic_viscosity for fluid in job.fluids)
+    return viscosity * speed / job.interfaces[0].surface_tension
+
+
+def measure(results):
+    """Mean jump and currents in the last quarter of the run."""
+    late = results.frames[results.frames >= 0.75 * results.frames[-1]]
+    return {
+        "jump [%]": 100.0 * (np.mean([jump(results, t) for t in late]) - 1.0),
+        "capillary number [1e-3]": 1e3 * np.mean([capillary(results, t) for t in late]),
+        "volume [%]": 100.0 * results.record["volume_drift"],
+    }
+
+
+def plot(figure, runs):
+    """Jump and capillary number over time."""
+    above, below = figure.subplots(2, 1, sharex=True)
+    for (variant, preset, _), results in runs.items():
+        above.plot(results.frames, [jump(results, t) for t in results.frames], label=f"{variant}, {preset}")
+        below.semilogy(results.frames[1:], [capillary(results, t) for t in results.frames[1:]])
+    above.set_ylabel("Pressure jump / Laplace's")
+    above.set_ylim(0.8, 1.2)
+    above.legend(fontsize="small")
+    below.set_ylabel("Capillary number")
+    below.set_xlabel("Time [s]")
+    for panel in (above, below):
+        panel.grid(alpha=0.3)

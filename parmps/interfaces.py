@@ -1,0 +1,210 @@
+"""What happens at the interfaces of several liquids: the stages of a step that a scene with one liquid has not.
+
+Across an interface between different densities the tangential velocity and acceleration jump, and the normal ones
+have a kink. Operators that see one smooth field there lower the frequency of interfacial waves by about k l0 and
+damp them. So particles near an interface take their own liquid's gradients, joined by the normal component alone.
+"""
+
+import numpy as np
+
+from parmps.kernels import density, interface
+
+OWN_FLOOR = 0.25
+"""Least eigenvalue of the moment matrices over the own liquid alone; a flat interface leaves 1/2."""
+SHIFT_ACROSS = 0.05
+"""Share of the shifting that acts across an interface."""
+SMOOTHINGS = 3
+"""How often the colour function, and the curvature of its contours, are smoothed."""
+UNCERTAIN = 0.02
+"""Slope of the fraction, per spacing, below which a normal says little; the second row has 0.1."""
+
+
+class Near:
+    """Arrays for the particles near interfaces, which live for one step.
+
+    Parameters
+    ----------
+    rows, count : int
+        Own particles in the pressure equation, and all with the halo.
+
+    Attributes
+    ----------
+    index : (m,) int32
+        The particles.
+    fraction : (count,) float64
+        Share of the own liquid in the neighbourhood; 1 away from interfaces.
+    normal : (count, 3) float64, 1/spacings
+        Normals out of the own liquid, as long as the fraction is steep; 0 away from interfaces.
+    beyond : (rows, 3) float64
+        First moment of the neighbours in other liquids, in 1/spacings; 0 away from interfaces.
+    divergence : (rows,) float64, 1/s
+        Filled near interfaces alone.
+    """
+
+    def __init__(self, rows, count):
+        self._room = np.empty(rows, np.int32)
+        self.index = self._room[:0]
+        self.fraction = np.ones(count)
+        self.normal = np.zeros((count, 3))
+        self.beyond = np.zeros((rows, 3))
+        self.divergence = np.empty(rows)
+
+    def reset(self, count):
+        """Forget the particles of the step before.
+
+        Parameters
+        ----------
+        count : int
+            Number of particles near interfaces now, listed in the room that `room` gives.
+        """
+        self.index = self._room[:count]
+        self.fraction[:] = 1.0
+        self.normal[:] = 0.0
+        self.beyond[:] = 0.0
+
+    @property
+    def room(self):
+        """Room for the list: (rows,) int32."""
+        return self._room
+
+
+def label_walls(sim):
+    """Find the liquid next to each wall particle."""
+    p = sim.particles
+    nearest = sim.work.nearest
+    interface.label_walls(p.position, *sim.pairs.lists, p.kind, p.liquid, p.rows, p.fluid, nearest)
+    sim.domain.exchange(p.fluid)
+
+
+def share_with_walls(sim, values):
+    """Give wall particles the value of the liquid next to them, and all values to neighbouring ranks.
+
+    Parameters
+    ----------
+    sim : Simulation
+    values : (n,) float64
+    """
+    nearest = sim.work.nearest[sim.particles.liquid : sim.particles.rows]
+    sim.domain.exchange(values)
+    wet = np.flatnonzero(nearest >= 0)
+    values[sim.particles.liquid + wet] = values[nearest[wet]]
+    sim.domain.exchange(values)
+
+
+def find_interfaces(sim):
+    """Find the particles near interfaces, and the interfaces' normals."""
+    p, w, near = sim.particles, sim.work, sim.work.near_interface
+    sheet = sim.liquids.sheet
+    near.reset(interface.find_near(*sim.pairs.lists, p.kind, p.fluid, sheet, p.liquid, near.room))
+    common = (p.position, p.kind, p.fluid, sheet)
+    reach = (*sim.pairs.lists, sim.l0, sim.scheme.radius)
+    interface.own_fraction(*common, near.index, *reach, near.fraction)
+    share_with_walls(sim, near.fraction)
+    lists, scale = reach[:2], reach[2:]
+    interface.normals(
+        *common, near.fraction, near.index, *lists, w.inverse, *scale, near.normal, near.beyond
+    )
+    sim.domain.exchange(near.normal)
+
+
+def find_curvature(sim):
+    """Curvature of the interfaces, which surface tension makes a jump of the pressure.
+
+    It is a second derivative, and the colour function and the curvature are smoothed.
+    """
+    p, w, near = sim.particles, sim.work, sim.work.curved
+    fraction, lists, scale = w.near_interface.fraction, sim.pairs.lists, (sim.l0, sim.scheme.radius)
+    near.reset(interface.widen(*lists, p.kind, fraction, p.liquid, near.room))
+    common = (p.position, p.kind, p.fluid, sim.liquids.sheet)
+    for _ in range(SMOOTHINGS):
+        interface.smooth_fraction(*common, fraction, near.index, *lists, *scale, near.fraction)
+        share_with_walls(sim, near.fraction)
+        fraction = near.fraction.copy()
+    interface.normals(
+        *common, near.fraction, near.index, *lists, w.inverse, *scale, near.normal, near.beyond
+    )
+    sim.domain.exchange(near.normal)
+    w.bend[:] = 0.0
+    interface.curvature(*common, near.normal, near.index, *lists, *scale, sim.dimension, w.bend)
+    for _ in range(SMOOTHINGS):
+        sim.domain.exchange(w.bend)
+        interface.smooth_curvature(*common, w.bend.copy(), near.normal, near.index, *lists, *scale, w.bend)
+    share_with_walls(sim, w.bend)
+
+
+def correct_divergence(sim):
+    """Velocity gradients of the own liquid near interfaces, and the divergence that they make there.
+
+    Returns
+    -------
+    index : (m,) int32
+        Of the particles.
+    divergence : (m,) float64, 1/s
+    """
+    p, s, w, near = sim.particles, sim.scheme, sim.work, sim.work.near_interface
+    lists = sim.pairs.lists
+    common = (p.kind, p.fluid, sim.liquids.sheet)
+    scale = (sim.l0, s.radius, sim.lattice.density, sim.dimension)
+    inverse = np.empty((len(near.index), 6))
+    interface.own_moments(p.position, *common, near.index, *lists, *scale, inverse)
+    density.invert(inverse, OWN_FLOOR, sim.dimension, inverse)
+    interface.own_gradient(
+        p.position, w.intermediate, *common, near.index, *lists, inverse, *scale, w.gradient
+    )
+    sim.domain.exchange(w.gradient)
+    interface.divergence(
+        p.position,
+        w.intermediate,
+        w.gradient,
+        *common,
+        near.normal,
+        near.index,
+        *lists,
+        w.inverse,
+        *scale,
+        near.divergence,
+    )
+    return near.index, near.divergence[near.index]
+
+
+def correct_acceleration(sim):
+    """Set grad P / rho near interfaces, where its tangential part jumps with the density."""
+    p, s, w, near = sim.particles, sim.scheme, sim.work, sim.work.near_interface
+    inverse, sums = np.empty((len(near.index), 6)), np.empty((len(near.index), 3))
+    interface.pressure_gradient(
+        p.position,
+        p.pressure,
+        w.force,
+        p.kind,
+        w.surface,
+        w.lean,
+        p.fluid,
+        sim.liquids.volume,
+        sim.liquids.reference,
+        sim.liquids.tension,
+        w.bend,
+        near.normal,
+        near.index,
+        *sim.pairs.lists,
+        sim.l0,
+        s.radius,
+        sim.lattice.density,
+        sim.dimension,
+        inverse,
+        sums,
+    )
+    density.invert(inverse, s.gradient_floor, sim.dimension, inverse)
+    interface.solve_gradient(w.force, near.index, inverse, sums, p.acceleration)
+
+
+def limit_shifting(sim):
+    """Leave little of the asymmetry across an interface, along which particles are shifted.
+
+    Shifting the rows beside an interface as elsewhere slows and damps its waves; not at all, particles gather in
+    these rows and leave a gap between them.
+    """
+    w, near = sim.work, sim.work.near_interface
+    normal = near.normal[near.index]
+    steep2 = np.einsum("ij,ij->i", normal, normal)
+    across = np.einsum("ij,ij->i", w.asymmetry[near.index], normal) / np.maximum(steep2, UNCERTAIN**2)
+    w.asymmetry[near.index] -= ((1.0 - SHIFT_ACROSS) * across)[:, None] * normal

@@ -1,0 +1,630 @@
+"""Interfaces between liquids."""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from parmps.kernels.compiled import compiled
+from parmps.kernels.density import invert
+from parmps.kernels.weight import smooth_weight, weight
+
+
+@njit(inline="always")
+def pressure_jump(own, its, tension, own_bend, its_bend):
+    """Jump of the pressure from a particle of one liquid to one of another, sigma kappa (Young and Laplace), Pa.
+
+    Parameters
+    ----------
+    own, its : int
+        Numbers of the two liquids; no jump within one.
+    tension : (liquids, liquids) float64, N/m
+    own_bend, its_bend : float, 1/m
+        Curvature of the interface at the two particles, each positive where its own liquid is convex.
+
+    Returns
+    -------
+    float
+    """
+    if own == its:
+        return 0.0
+    return 0.5 * tension[own, its] * (its_bend - own_bend)
+
+
+@compiled
+def label_walls(position, first, other, kind, begin, end, fluid, nearest):
+    """Give each wall particle the number of the liquid nearest to it.
+
+    With one density on both ends, layers at rest have their exact pressure on the links to the wall, too.
+
+    Parameters
+    ----------
+    position : (n, 3) float64, m
+    first, other
+        Neighbour lists.
+    kind : (n,) int8
+    begin, end : int
+        Range of the wall particles.
+    fluid : (n,) int8
+        Number of each particle's liquid; filled for the range.
+    nearest : (rows,) int32
+        Filled for the range: the particle nearest to the wall particle, -1 for none.
+    """
+    for i in range(begin, end):
+        least = math.inf
+        nearest[i] = -1
+        for k in range(first[i], first[i + 1]):
+            j = other[k]
+            if kind[j] != 0:
+                continue
+            dx = position[j, 0] - position[i, 0]
+            dy = position[j, 1] - position[i, 1]
+            dz = position[j, 2] - position[i, 2]
+            r2 = dx * dx + dy * dy + dz * dz
+            if r2 < least:
+                least = r2
+                fluid[i] = fluid[j]
+                nearest[i] = j
+
+
+@compiled
+def find_near(first, other, kind, fluid, sheet, rows, near):
+    """List the liquid particles that have a neighbour on the other side of an interface.
+
+    Parameters
+    ----------
+    first, other
+        Neighbour lists.
+    kind, fluid : (n,) int8
+    sheet : (liquids, liquids) bool
+        Whether the velocity can jump between two liquids.
+    rows : int
+    near : (rows,) int32
+        Filled from the start.
+
+    Returns
+    -------
+    int
+        Number of such particles.
+    """
+    count = 0
+    for i in range(rows):
+        for k in range(first[i], first[i + 1]):
+            j = other[k]
+            if kind[j] == 0 and sheet[fluid[i], fluid[j]]:
+                near[count] = i
+                count += 1
+                break
+    return count
+
+
+@compiled
+def own_fraction(position, kind, fluid, sheet, near, first, other, l0, reach, out):
+    """Share of a particle's own liquid in its neighbourhood, by the smooth weight: the colour function smoothed.
+
+    Parameters
+    ----------
+    position : (n, 3) float64, m
+    kind, fluid : (n,) int8
+    sheet
+        As in `find_near`.
+    near : (m,) int32
+        Particles near an interface.
+    first, other
+        Neighbour lists.
+    l0 : float
+        Spacing, m.
+    reach : float
+        In spacings.
+    out : (n,) float64
+        Filled for those particles.
+    """
+    for i in near:
+        own = total = 1.0
+        for k in range(first[i], first[i + 1]):
+            j = other[k]
+            if kind[j] == 2:
+                continue
+            dx = (position[j, 0] - position[i, 0]) / l0
+            dy = (position[j, 1] - position[i, 1]) / l0
+            dz = (position[j, 2] - position[i, 2]) / l0
+            w = smooth_weight(math.sqrt(dx * dx + dy * dy + dz * dz), reach)
+            total += w
+            if not sheet[fluid[i], fluid[j]]:
+                own += w
+        out[i] = own / total
+
+
+@compiled
+def widen(first, other, kind, fraction, rows, near):
+    """List the liquid particles that have a neighbour near an interface, or are near one.
+
+    Parameters
+    ----------
+    first, other
+        Neighbour lists.
+    kind : (n,) int8
+    fraction : (n,) float64
+        As made by `own_fraction`; 1 away from interfaces.
+    rows : int
+    near : (rows,) int32
+        Filled from the start.
+
+    Returns
+    -------
+    int
+        Number of such particles.
+    """
+    count = 0
+    for i in range(rows):
+        found = fraction[i] < 1.0
+        for k in range(first[i], first[i + 1]):
+            if kind[other[k]] == 0 and fraction[other[k]] < 1.0:
+                found = True
+                break
+        if found and kind[i] == 0:
+            near[count] = i
+            count += 1
+    return count
+
+
+@compiled
+def smooth_fraction(position, kind, fluid, sheet, fraction, near, first, other, l0, reach, out):
+    """Smooth the fraction of the own liquid once more.
+
+    Parameters
+    ----------
+    position, kind, fluid, sheet, near, first, other, l0, reach
+        As in `own_fraction`.
+    fraction : (n,) float64
+        As made there, walls included.
+    out : (n,) float64
+        Filled for those particles.
+    """
+    for i in near:
+        total, value = 1.0, fraction[i]
+        for k in range(first[i], first[i + 1]):
+            j = other[k]
+            if kind[j] == 2:
+                continue
+            dx = (position[j, 0] - position[i, 0]) / l0
+            dy = (position[j, 1] - position[i, 1]) / l0
+            dz = (position[j, 2] - position[i, 2]) / l0
+            w = smooth_weight(math.sqrt(dx * dx + dy * dy + dz * dz), reach)
+            total += w
+            value += w * (1.0 - fraction[j] if sheet[fluid[i], fluid[j]] else fraction[j])
+        out[i] = value / total
+
+
+@compiled
+def normals(position, kind, fluid, sheet, fraction, near, first, other, inverse, l0, reach, out, beyond):
+    """Normals of the interface, out of each particle's own liquid, and the first moment of what lies beyond.
+
+    They are as long as the fraction of the own liquid is steep: short where they are not certain, as in the middle
+    of a thin layer.
+
+    Parameters
+    ----------
+    position, kind, fluid, sheet, near, first, other, l0, reach
+        As in `own_fraction`.
+    fraction : (n,) float64
+        As made there, for walls that of the liquid next to them; 1 away from interfaces.
+    inverse : (rows, 6) float64
+        Inverse moment matrices, as made by `invert`.
+    out : (n, 3) float64, 1/spacings
+        Filled for those particles.
+    beyond : (rows, 3) float64
+        Filled for those particles: sum W (r_j - r_i) / r_ij^2 over the other liquids, in 1/spacings.
+    """
+    for i in near:
+        gx = gy = gz = qx = qy = qz = 0.0
+        for k in range(first[i], first[i + 1]):
+            j = other[k]
+            if kind[j] == 2:
+                continue
+            dx = (position[j, 0] - position[i, 0]) / l0
+            dy = (position[j, 1] - position[i, 1]) / l0
+            dz = (position[j, 2] - position[i, 2]) / l0
+            r2 = dx * dx + dy * dy + dz * dz
+            if r2 >= reach * reach:
+                continue
+            s = weight(math.sqrt(r2), reach) / r2
+            c = fraction[j]
+            if sheet[fluid[i], fluid[j]]:
+                c = 1.0 - c
+            if kind[j] == 0 and sheet[fluid[i], fluid[j]]:
+                qx += s * dx
+                qy += s * dy
+                qz += s * dz
+            s *= fraction[i] - c
+            gx += s * dx
+            gy += s * dy
+            gz += s * dz
+        m = inverse[i]
+        nx = m[0] * gx + m[1] * gy + m[2] * gz
+        ny = m[1] * gx + m[3] * gy + m[4] * gz
+        nz = m[2] * gx + m[4] * gy + m[5] * gz
+        out[i, 0], out[i, 1], out[i, 2] = nx, ny, nz
+        beyond[i, 0], beyond[i, 1], beyond[i, 2] = qx, qy, qz
+
+
+@compiled
+def own_moments(position, kind, fluid, sheet, near, first, other, l0, reach, n0, dimension, matrix):
+    """Moment matrices over the neighbours in a particle's own liquid and walls, as in `moments`.
+
+    Parameters
+    ----------
+    position, kind, fluid, sheet, near, first, other, l0, reach
+        As in `own_fraction`.
+    n0 : float
+    dimension : int
+    matrix : (m, 6) float64
+        Filled.
+    """
+    scale = dimension / n0
+    for a in range(near.shape[0]):
+        i = near[a]
+        xx = xy = xz = yy = yz = zz = 0.0
+        for k in range(first[i], first[i + 1]):
+            j = other[k]
+            if kind[j] == 2 or (kind[j] == 0 and sheet[fluid[i], fluid[j]]):
+                continue
+            dx = (position[j, 0] - position[i, 0]) / l0
+            dy = (position[j, 1] - position[i, 1]) / l0
+            dz = (position[j, 2] - position[i, 2]) / l0
+            r2 = dx * dx + dy * dy + dz * dz
+            if r2 >= reach * reach:
+                continue
+            s = scale * weight(math.sqrt(r2), reach) / r2
+            xx += s * dx * dx
+            xy += s * dx * dy
+            xz += s * dx * dz
+            yy += s * dy * dy
+            yz += s * dy * dz
+            zz += s * dz * dz
+        matrix[a, 0], matrix[a, 1], matrix[a, 2] = xx, xy, xz
+        matrix[a, 3], matrix[a, 4], matrix[a, 5] = yy, yz, zz
+
+
+@compiled
+def own_gradient(position, velocity, kind, fluid, sheet, near, first, other, inverse, l0, reach, n0, dimension, out):
+    """Gradient of the velocity of a particle's own liquid, which can jump at the interface.
+
+    Parameters
+    ----------
+    position, kind, fluid, sheet, near, first, other, l0, reach, n0, dimension
+        As in `own_moments`.
+    velocity : (n, 3) float64, m/s
+    inverse : (m, 6) float64
+        Inverse of those moments.
+    out : (n, 9) float64, 1/s
+        Filled for those particles, as in `velocity_gradient`.
+    """
+    scale = dimension / (n0 * l0)
+    g = np.empty((3, 3))
+    d = np.empty(3)
+    for a in range(near.shape[0]):
+        i = near[a]
+        g[:] = 0.0
+        for k in range(first[i], first[i + 1]):
+            j = other[k]
+            if kind[j] == 2 or (kind[j] == 0 and sheet[fluid[i], fluid[j]]):
+                continue
+            r2 = 0.0
+            for b in range(3):
+                d[b] = (position[j, b] - position[i, b]) / l0
+                r2 += d[b] * d[b]
+            if r2 >= reach * reach:
+                continue
+            s = scale * weight(math.sqrt(r2), reach) / r2
+            for b in range(3):
+                for c in range(3):
+                    g[b, c] += s * (velocity[j, b] - velocity[i, b]) * d[c]
+        m = inverse[a]
+        for b in range(3):
+            out[i, 3 * b] = g[b, 0] * m[0] + g[b, 1] * m[1] + g[b, 2] * m[2]
+            out[i, 3 * b + 1] = g[b, 0] * m[1] + g[b, 1] * m[3] + g[b, 2] * m[4]
+            out[i, 3 * b + 2] = g[b, 0] * m[2] + g[b, 1] * m[4] + g[b, 2] * m[5]
+
+
+@compiled
+def divergence(
+    position,
+    velocity,
+    gradient,
+    kind,
+    fluid,
+    sheet,
+    normal,
+    near,
+    first,
+    other,
+    inverse,
+    l0,
+    reach,
+    n0,
+    dimension,
+    out,
+):
+    """Divergence of the velocity at an interface, where its tangential part jumps and its normal part has a kink.
+
+    On a link to another liquid the tangential difference is what the own gradient says, and the normal one
+    that of twice the way to the interface, in the middle of the link: the mean of what the two sides' gradients
+    say there, n . [v_j - v_i + (grad v_i - grad v_j)(r_j - r_i) / 2].
+
+    Parameters
+    ----------
+    position, velocity, kind, fluid, sheet, near, first, other, l0, reach, n0, dimension
+        As in `own_gradient`.
+    gradient : (n, 9) float64, 1/s
+        Of each particle's own liquid.
+    normal : (n, 3) float64
+        As made by `normals`.
+    inverse : (rows, 6) float64
+        Inverse moment matrices of all neighbours.
+    out : (rows,) float64, 1/s
+        Filled for those particles.
+    """
+    scale = dimension / (n0 * l0)
+    for i in near:
+        total = 0.0
+        m, g, n = inverse[i], gradient[i], normal[i]
+        for k in range(first[i], first[i + 1]):
+            j = other[k]
+            if kind[j] == 2:
+                continue
+            dx = position[j, 0] - position[i, 0]
+            dy = position[j, 1] - position[i, 1]
+            dz = position[j, 2] - position[i, 2]
+            r2 = (dx * dx + dy * dy + dz * dz) / (l0 * l0)
+            if r2 >= reach * reach:
+                continue
+            u = velocity[j, 0] - velocity[i, 0]
+            v = velocity[j, 1] - velocity[i, 1]
+            w = velocity[j, 2] - velocity[i, 2]
+            if kind[j] == 0 and sheet[fluid[i], fluid[j]]:
+                h = gradient[j]
+                ox = g[0] * dx + g[1] * dy + g[2] * dz
+                oy = g[3] * dx + g[4] * dy + g[5] * dz
+                oz = g[6] * dx + g[7] * dy + g[8] * dz
+                # beyond what the own gradient says: the normal part alone
+                u -= 0.5 * (ox + h[0] * dx + h[1] * dy + h[2] * dz)
+                v -= 0.5 * (oy + h[3] * dx + h[4] * dy + h[5] * dz)
+                w -= 0.5 * (oz + h[6] * dx + h[7] * dy + h[8] * dz)
+                nx, ny, nz = n[0] - normal[j, 0], n[1] - normal[j, 1], n[2] - normal[j, 2]
+                along = (u * nx + v * ny + w * nz) / (nx * nx + ny * ny + nz * nz + 1e-300)
+                u = ox + along * nx
+                v = oy + along * ny
+                w = oz + along * nz
+            s = scale / l0 * weight(math.sqrt(r2), reach) / r2
+            total += s * (
+                u * (m[0] * dx + m[1] * dy + m[2] * dz)
+                + v * (m[1] * dx + m[3] * dy + m[4] * dz)
+                + w * (m[2] * dx + m[4] * dy + m[5] * dz)
+            )
+        out[i] = total
+
+
+@compiled
+def pressure_gradient(
+    position,
+    pressure,
+    force,
+    kind,
+    surface,
+    lean,
+    fluid,
+    volume,
+    density,
+    tension,
+    bend,
+    normal,
+    near,
+    first,
+    other,
+    l0,
+    reach,
+    n0,
+    dimension,
+    matrix,
+    sums,
+):
+    """Sums for grad P / rho at an interface, where its tangential part jumps with the density.
+
+    Least squares for the acceleration a of the own liquid beyond the body force f: on a link of volume b the
+    pressure says b (P_j - P_i) - f . d = a' . d', where d' is d with its part along the interface multiplied by
+    b rho_i, since P itself is continuous there.
+
+    Parameters
+    ----------
+    position, kind, fluid, normal, near, first, other, l0, reach, n0, dimension
+        As in `divergence`.
+    pressure : (n,) float64, Pa
+    force : (n, 3) float64, m/s2
+        Of fluid particles.
+    surface, lean
+        As in `corrected_gradient`.
+    volume, tension, bend
+        As in `poisson_rows`.
+    density : float, kg/m3
+        The reference density of ``volume``.
+    matrix : (m, 6) float64
+        Filled: moments.
+    sums : (m, 3) float64
+        Filled: right-hand sides.
+    """
+    scale = dimension / n0
+    for a in range(near.shape[0]):
+        i = near[a]
+        xx = xy = xz = yy = yz = zz = gx = gy = gz = 0.0
+        here = pressure[i] if surface[i] == 0 else max(pressure[i], 0.0)
+        own = volume[fluid[i], fluid[i]]
+        for k in range(first[i], first[i + 1]):
+            j = other[k]
+            if kind[j] == 2:
+                continue
+            dx = (position[j, 0] - position[i, 0]) / l0
+            dy = (position[j, 1] - position[i, 1]) / l0
+            dz = (position[j, 2] - position[i, 2]) / l0
+            r2 = dx * dx + dy * dy + dz * dz
+            if r2 >= reach * reach:
+                continue
+            there = pressure[j] if surface[j] == 0 else max(pressure[j], 0.0)
+            if tension is not None:
+                there -= pressure_jump(fluid[i], fluid[j], tension, bend[i], bend[j])
+            b = volume[fluid[i], fluid[j]]
+            q = b * (there - here) / (density * l0) - force[i, 0] * dx - force[i, 1] * dy - force[i, 2] * dz
+            if kind[j] == 0 and fluid[i] != fluid[j]:
+                nx = normal[i, 0] - normal[j, 0]
+                ny = normal[i, 1] - normal[j, 1]
+                nz = normal[i, 2] - normal[j, 2]
+                along = (dx * nx + dy * ny + dz * nz) / (nx * nx + ny * ny + nz * nz + 1e-300)
+                t = b / own
+                dx = t * dx + (1.0 - t) * along * nx
+                dy = t * dy + (1.0 - t) * along * ny
+                dz = t * dz + (1.0 - t) * along * nz
+            s = scale * weight(math.sqrt(r2), reach) / r2
+            gx += s * q * dx
+            gy += s * q * dy
+            gz += s * q * dz
+            xx += s * dx * dx
+            xy += s * dx * dy
+            xz += s * dx * dz
+            yy += s * dy * dy
+            yz += s * dy * dz
+            zz += s * dz * dz
+        if surface[i] != 0:
+            qx, qy, qz = lean[i, 0], lean[i, 1], lean[i, 2]
+            size = math.sqrt(qx * qx + qy * qy + qz * qz) + 1e-300
+            s = scale / size
+            q = -2.0 * own * here * size / (density * l0) - force[i, 0] * qx - force[i, 1] * qy - force[i, 2] * qz
+            gx += s * q * qx
+            gy += s * q * qy
+            gz += s * q * qz
+            xx += s * qx * qx
+            xy += s * qx * qy
+            xz += s * qx * qz
+            yy += s * qy * qy
+            yz += s * qy * qz
+            zz += s * qz * qz
+        matrix[a, 0], matrix[a, 1], matrix[a, 2] = xx, xy, xz
+        matrix[a, 3], matrix[a, 4], matrix[a, 5] = yy, yz, zz
+        sums[a, 0], sums[a, 1], sums[a, 2] = gx, gy, gz
+
+
+@compiled
+def solve_gradient(force, near, inverse, sums, out):
+    """Acceleration by the pressure: the body force and what the least squares of `pressure_gradient` add.
+
+    Parameters
+    ----------
+    force : (n, 3) float64, m/s2
+    near : (m,) int32
+    inverse : (m, 6) float64
+    sums : (m, 3) float64
+    out : (n, 3) float64, m/s2
+        Filled for those particles.
+    """
+    for a in range(near.shape[0]):
+        i, m, g = near[a], inverse[a], sums[a]
+        out[i, 0] = force[i, 0] + m[0] * g[0] + m[1] * g[1] + m[2] * g[2]
+        out[i, 1] = force[i, 1] + m[1] * g[0] + m[3] * g[1] + m[4] * g[2]
+        out[i, 2] = force[i, 2] + m[2] * g[0] + m[4] * g[1] + m[5] * g[2]
+
+
+@compiled
+def curvature(position, kind, fluid, sheet, normal, near, first, other, l0, reach, dimension, out):
+    """Curvature of the interface near each particle, div n with n out of its own liquid; positive where it is convex.
+
+    The divergence of the unit normal is a least-squares fit to the neighbours near the interface, those of other
+    liquids reversed, each with the steepness of the colour function as its weight: contours of the smoothed
+    colour stand for the interface ([000] eq. 18, in any dimension).
+
+    Parameters
+    ----------
+    position, kind, fluid, sheet, near, first, other, l0, reach
+        As in `own_fraction`.
+    normal : (n, 3) float64
+        As made by `normals`; 0 away from interfaces.
+    dimension : int
+    out : (n,) float64, 1/m
+        Filled for those particles.
+    """
+    matrix, inverse = np.empty((1, 6)), np.empty((1, 6))
+    g = np.empty((3, 3))
+    d, own = np.empty(3), np.empty(3)
+    for i in near:
+        matrix[:] = g[:] = 0.0
+        total = 0.0
+        steep = math.sqrt(normal[i, 0] ** 2 + normal[i, 1] ** 2 + normal[i, 2] ** 2) + 1e-300
+        for b in range(3):
+            own[b] = normal[i, b] / steep
+        for k in range(first[i], first[i + 1]):
+            j = other[k]
+            if kind[j] != 0:
+                continue
+            steep = math.sqrt(normal[j, 0] ** 2 + normal[j, 1] ** 2 + normal[j, 2] ** 2)
+            if steep == 0.0:
+                continue
+            r2 = 0.0
+            for b in range(3):
+                d[b] = (position[j, b] - position[i, b]) / l0
+                r2 += d[b] * d[b]
+            if r2 >= reach * reach:
+                continue
+            s = steep * weight(math.sqrt(r2), reach) / r2
+            turn = (-1.0 if sheet[fluid[i], fluid[j]] else 1.0) / steep
+            total += s * r2
+            for b in range(3):
+                for c in range(3):
+                    g[b, c] += s * (turn * normal[j, b] - own[b]) * d[c]
+            matrix[0, 0] += s * d[0] * d[0]
+            matrix[0, 1] += s * d[0] * d[1]
+            matrix[0, 2] += s * d[0] * d[2]
+            matrix[0, 3] += s * d[1] * d[1]
+            matrix[0, 4] += s * d[1] * d[2]
+            matrix[0, 5] += s * d[2] * d[2]
+        out[i] = 0.0
+        if total == 0.0:
+            continue
+        matrix *= dimension / total
+        g *= dimension / (total * l0)
+        invert(matrix, 0.2, dimension, inverse)
+        m = inverse[0]
+        out[i] = (
+            g[0, 0] * m[0] + g[0, 1] * m[1] + g[0, 2] * m[2]
+            + g[1, 0] * m[1] + g[1, 1] * m[3] + g[1, 2] * m[4]
+            + g[2, 0] * m[2] + g[2, 1] * m[4] + g[2, 2] * m[5]
+        )
+
+
+@compiled
+def smooth_curvature(position, kind, fluid, sheet, bend, normal, near, first, other, l0, reach, out):
+    """Mean of the curvature over the neighbourhood, weighted by the steepness of the colour function.
+
+    Parameters
+    ----------
+    position, kind, fluid, sheet, normal, near, first, other, l0, reach
+        As in `curvature`.
+    bend : (n,) float64, 1/m
+    out : (n,) float64, 1/m
+        Filled for those particles.
+    """
+    for i in near:
+        total = weight(0.0, reach) * math.sqrt(normal[i, 0] ** 2 + normal[i, 1] ** 2 + normal[i, 2] ** 2)
+        value = total * bend[i]
+        for k in range(first[i], first[i + 1]):
+            j = other[k]
+            if kind[j] != 0:
+                continue
+            dx = (position[j, 0] - position[i, 0]) / l0
+            dy = (position[j, 1] - position[i, 1]) / l0
+            dz = (position[j, 2] - position[i, 2]) / l0
+            r2 = dx * dx + dy * dy + dz * dz
+            if r2 >= reach * reach:
+                continue
+            s = weight(math.sqrt(r2), reach)
+            s *= math.sqrt(normal[j, 0] ** 2 + normal[j, 1] ** 2 + normal[j, 2] ** 2)
+            total += s
+            value += -s * bend[j] if sheet[fluid[i], fluid[j]] else s * bend[j]
+        out[i] = value / (total + 1e-300)

@@ -1,0 +1,85 @@
+"""The liquids of a scene: their densities, and what acts between particles of two of them.
+
+Everything that depends on a pair of liquids is a small table that the kernels read with the numbers of the two
+particles' liquids. The densities are sharp: each particle has that of its liquid. A scene with one liquid has no
+tables; its kernels are compiled without them.
+"""
+
+import numpy as np
+
+
+class Liquids:
+    """Constants of the liquids of a job and of pairs of them.
+
+    Parameters
+    ----------
+    job : Job
+
+    Attributes
+    ----------
+    several : bool
+    density : (liquids,) float64, kg/m3
+    reference : float, kg/m3
+        Density of the first, which the pressure equation is made with.
+    viscosity : (liquids, liquids) float64, m2/s
+        Kinematic viscosity of particle i in its interaction with j, 2 mu_i mu_j /
+        ((mu_i + mu_j) rho_i) ([000] eqs. 13 and 14).
+    viscous_rate : float, m2/s
+        The greatest of them, which bounds the time step.
+    capillary_rate : float, m3/s2
+        The greatest sigma / (rho_1 + rho_2), which bounds the time step.
+    volume : None or (liquids, liquids) float64
+        Specific volume between particles of two liquids, 2 / (rho_i + rho_j), times the reference density.
+    share : None or (liquids, liquids) float64
+        Share rho_i / (rho_i + rho_j) of particle i in the mass of the pair.
+    sheet : None or (liquids, liquids) bool
+        Whether the velocity jumps between two liquids: where their densities differ
+        or surface tension acts; None for nowhere.
+    tension : None or (liquids, liquids) float64, N/m
+        Interfacial tension; None where all are zero.
+    """
+
+    def __init__(self, job):
+        rho = np.array([fluid.density for fluid in job.fluids])
+        nu = np.array([fluid.kinematic_viscosity for fluid in job.fluids])
+        self.several = len(rho) > 1
+        self.density = rho
+        self.reference = float(rho[0])
+        self.volume = self.share = self.tension = self.sheet = None
+        self.capillary_rate = 0.0
+        if self.several:
+            total = rho[:, None] + rho
+            self.volume = 2.0 * self.reference / total
+            self.share = rho[:, None] / total
+            self.tension = _tension(job)
+            sheet = rho[:, None] != rho
+            if self.tension is not None:
+                sheet |= self.tension > 0.0
+                self.capillary_rate = float(np.max(self.tension / total))
+            self.sheet = sheet if sheet.any() else None
+        self.viscosity = harmonic(rho * nu) / rho[:, None]
+        self.viscous_rate = float(np.max(self.viscosity))
+
+
+def harmonic(values):
+    """Harmonic means of all pairs, 2 a b / (a + b); 0 where both are.
+
+    Parameters
+    ----------
+    values : (n,) float64
+
+    Returns
+    -------
+    (n, n) float64
+    """
+    total = values[:, None] + values
+    return 2.0 * values[:, None] * values / np.where(total > 0.0, total, 1.0)
+
+
+def _tension(job):
+    names = [fluid.name for fluid in job.fluids]
+    table = np.zeros((len(names), len(names)))
+    for interface in job.interfaces:
+        a, b = (names.index(name) for name in interface.between)
+        table[a, b] = table[b, a] = interface.surface_tension
+    return table if table.any() else None

@@ -1,0 +1,242 @@
+"""Several liquids: operators at interfaces, rest, waves, drops, and that a second equal liquid changes nothing."""
+
+import numpy as np
+import pytest
+
+from parmps.domain import Domain
+from parmps.interfaces import correct_acceleration, correct_divergence
+from parmps.kernels import velocity
+from parmps.kernels.weight import lattice
+from parmps.liquids import Liquids
+from parmps.loader import parse_job
+from parmps.particles import FLUID
+from parmps.simulation import Simulation
+from parmps.tank import standing_wave
+from parmps.waves import layers_of
+
+REACH, G = 2.1, 9.8
+
+
+@pytest.fixture
+def start():
+    """Start simulations, and free their solvers afterwards."""
+    begun = []
+
+    def begin(text, *overrides):
+        begun.append(Simulation(parse_job(text, overrides), Domain()))
+        return begun[-1]
+
+    yield begin
+    for sim in begun:
+        sim.solver.close()
+
+
+def two(dimension=2, lower=1300.0, upper=1000.0, more="", depth=0.06):
+    size = [0.2, 0.2] if dimension == 2 else [0.1, 0.1, 0.16]
+    return (
+        f"dimension: {dimension}\nspacing: 0.01\ntank: {{size: {size}}}\ntime: {{end: 9.0, max_step: 4.0e-3}}\n"
+        f"fluids: [{{name: a, depth: {depth}, density: {lower}, kinematic_viscosity: 0}}, "
+        f"{{name: b, depth: 0.06, density: {upper}, kinematic_viscosity: 0}}]\n{more}"
+    )
+
+
+def ready(sim, noise=0.0):
+    """Find neighbours, moments and interfaces of particles moved by a share of the spacing."""
+    p = sim.particles
+    rng = np.random.default_rng(4)
+    axes = [0, 2] if sim.dimension == 2 else [0, 1, 2]
+    p.position[: p.liquid, axes] += noise * sim.l0 * rng.uniform(-1.0, 1.0, (p.liquid, len(axes)))
+    sim.choose_step(1.0)
+    for stage in sim.plan.solve:
+        if stage.name in ("neighbours", "wall liquids", "density", "interfaces"):
+            stage.run(sim)
+    return p, sim.work.near_interface
+
+
+# Operators
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_what_is_near_an_interface(start, dimension):
+    sim = start(two(dimension))
+    p, near = ready(sim)
+    height = (p.position[: p.liquid, 2] - 0.06) / sim.l0
+    np.testing.assert_array_equal(np.sort(near.index), np.flatnonzero(np.abs(height) < 2.0))
+    normal = near.normal[near.index] / np.linalg.norm(near.normal[near.index], axis=1)[:, None]
+    np.testing.assert_allclose(normal[:, 2], np.sign(-height[near.index]), atol=1e-12)
+    first = near.index[np.abs(height[near.index]) < 1.0]
+    for axis in range(dimension - 1):  # next to a wall a part of it lies beyond
+        half = sim.job.tank.size[axis] / 2
+        first = first[np.abs(p.position[first, axis] - half) < half - 0.02]
+    size = np.linalg.norm(near.beyond[first], axis=1)
+    np.testing.assert_allclose(size, lattice(dimension, REACH).lean, rtol=1e-9)
+    walls = slice(p.liquid, p.rows)
+    side = (p.position[walls, 2] > 0) & (p.position[walls, 2] < 0.12)
+    np.testing.assert_array_equal(p.fluid[walls][side], p.position[walls, 2][side] > 0.06)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("noise", [0.0, 0.1])
+def test_divergence_where_the_tangential_velocity_jumps(start, dimension, noise):
+    """A velocity that is linear in each liquid, with equal normal parts at the interface, has its own gradients."""
+    sim = start(two(dimension))
+    p, near = ready(sim, noise)
+    rng = np.random.default_rng(2)
+    above = p.position[:, 2] > 0.06
+    jump = rng.normal(size=(3, 3))
+    jump[2, :2] = 0.0  # the normal part is continuous, with a kink
+    below = rng.normal(size=(3, 3))
+    if dimension == 2:
+        jump[1] = jump[:, 1] = below[1] = below[:, 1] = 0.0
+    offset = p.position - [0.0, 0.0, 0.06]
+    v = offset @ below.T + above[:, None] * (offset @ jump.T + [0.3, 0.0, 0.0])
+    sim.work.intermediate[:] = v
+    inner = near.index[np.all(np.abs(p.position[near.index][:, [0]] - sim.job.tank.length / 2) < 0.02, axis=1)]
+    if dimension == 3:
+        inner = inner[np.abs(p.position[inner, 1] - 0.05) < 0.02]
+    near.normal[near.index] = np.where(above[near.index], -1.0, 1.0)[:, None] * [0.0, 0.0, 1.0]
+    index, found = correct_divergence(sim)
+    trace = np.trace(below) + above * np.trace(jump)
+    np.testing.assert_array_equal(index, near.index)
+    at = np.searchsorted(index, inner)
+    own = below + above[inner, None, None] * jump
+    if noise == 0.0:
+        np.testing.assert_allclose(sim.work.gradient[inner], own.reshape(-1, 9), atol=1e-9)
+        # but for the links over two rows, which do not cross the interface in their middle
+        np.testing.assert_allclose(found[at], trace[inner], atol=5e-3)  # the jump over a spacing is 30
+    else:  # particles that are not mirrored miss the kink by their noise, not by the jump over a spacing
+        np.testing.assert_allclose(found[at], trace[inner], atol=1.0)
+        assert np.abs(0.3 / sim.l0) > 10.0
+
+
+def test_acceleration_where_the_density_jumps(start):
+    """Pressure linear along an interface accelerates the lighter liquid more; across it, both alike."""
+    sim = start(two(lower=2000.0, upper=500.0))
+    p, near = ready(sim)
+    slope, pull = 700.0, 3.0
+    rho = sim.liquids.density[p.fluid]
+    p.pressure[:] = slope * p.position[:, 0] + pull * rho * (p.position[:, 2] - 0.06)
+    sim.work.force[:] = 0.0
+    inner = near.index[np.abs(p.position[near.index, 0] - 0.1) < 0.05]
+    correct_acceleration(sim)
+    np.testing.assert_allclose(p.acceleration[inner, 0], slope / rho[inner], rtol=1e-9)
+    # links over two rows do not cross the interface in their middle
+    np.testing.assert_allclose(p.acceleration[inner, 2], pull, rtol=6e-3)
+
+
+@pytest.mark.parametrize("ratio", [1.0, 10.0, 1e6])
+def test_viscous_forces_of_two_layers_in_a_channel(start, ratio):
+    """The profile of plane Poiseuille flow of two layers has the same force per volume everywhere."""
+    sim = start(two(lower=1300.0, upper=1000.0, depth=0.06, more="scheme: {shifting: 0}\n"))
+    p, _ = ready(sim)
+    mu = np.array([1.0, ratio])
+    z = p.position[:, 2] - 0.06
+    # mu u'' = -1 with u and mu u' continuous at z = 0
+    own = mu[p.fluid]
+    v = np.zeros_like(p.position)
+    v[:, 0] = (5.0 - z - 0.5 * z * z) / own + 0.0
+    v[:, 0] += np.where(p.fluid == 1, 5.0 / mu[0] - 5.0 / mu[1], 0.0)
+    liquids = Liquids(sim.job)
+    table = 2.0 * mu[:, None] * mu / (mu[:, None] + mu) / liquids.density[:, None]
+    out = np.zeros_like(v)
+    velocity.add_viscosity(
+        p.position, v, p.kind, p.normal, p.depth, table, *sim.pairs.lists, sim.l0, REACH, sim.lattice.density,
+        sim.lattice.lam, 2, 1.0, p.liquid, out, p.fluid,
+    )  # fmt: skip
+    inner = np.flatnonzero((np.abs(p.position[: p.liquid, 0] - 0.1) < 0.05) & (np.abs(z[: p.liquid]) < 0.035))
+    force = out[inner, 0] * liquids.density[p.fluid[inner]]
+    smooth = np.abs(z[inner]) > 2.1 * sim.l0
+    np.testing.assert_allclose(force[smooth], -1.0, rtol=1e-6)
+    # rows that reach across sum to the same: the stress between the layers is what one puts on the other
+    assert force[~smooth].sum() == pytest.approx(-np.count_nonzero(~smooth), rel=1e-6)
+
+
+def test_curvature_of_a_disc(start):
+    text = (
+        "dimension: 2\nspacing: 0.025\ngravity: 0\ntank: {size: [1.0, 1.0]}\ntime: {end: 1.0, max_step: 0.01}\n"
+        "fluids: [{name: drop, region: {disc: {centre: [0.5, 0.5], radius: 0.3}}, kinematic_viscosity: 0.01},"
+        " {name: bath, depth: 1.0, kinematic_viscosity: 0.01}]\n"
+        "interfaces: [{between: [drop, bath], surface_tension: 1.0}]\n"
+    )
+    sim = start(text)
+    sim.step(1.0)
+    p, w = sim.particles, sim.work
+    beside = np.linalg.norm(w.near_interface.beyond, axis=1) > 0.5
+    inside = p.fluid[: p.rows] == 0
+    assert w.bend[: p.rows][beside & inside].mean() == pytest.approx(1.0 / 0.3, rel=0.05)
+    assert w.bend[: p.rows][beside & ~inside].mean() == pytest.approx(-1.0 / 0.3, rel=0.05)
+    for _ in range(20):
+        sim.step(1.0)
+    r = np.linalg.norm(p.position[: p.liquid] - [0.5, 0.0, 0.5], axis=1)
+    p = sim.particles
+    jump = p.pressure[: p.liquid][r < 0.2].mean() - p.pressure[: p.liquid][r > 0.4].mean()
+    assert jump == pytest.approx(1.0 / 0.3, rel=0.1)
+
+
+# Whole simulations
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("lower", [1300.0, 1e4])
+def test_layers_at_rest(start, dimension, lower):
+    sim = start(two(dimension, lower))
+    for _ in range(25 if dimension == 2 else 5):
+        sim.step(1.0)
+    sim.choose_step(1.0)
+    sim.solve()
+    p = sim.particles
+    z = p.position[: p.liquid, 2]
+    wanted = G * (1000.0 * np.minimum(0.12 - z, 0.06) + lower * np.maximum(0.06 - z, 0.0))
+    floor = G * 0.06 * (1000.0 + lower)
+    assert np.sqrt(np.mean((p.pressure[: p.liquid] - wanted) ** 2)) < 5e-3 * floor
+    assert np.abs(p.velocity[: p.liquid]).max() < 5e-3 * np.sqrt(G * 0.12)
+    assert sim.kinetic_energy() < 1e-5 * sim.energy_scale
+
+
+def test_a_second_equal_liquid_changes_nothing(start):
+    """Beyond the tolerance of the pressure solver."""
+    text = (
+        "dimension: 2\nspacing: 0.02\ntank: {size: [0.5, 0.4]}\ntime: {end: 9.0, max_step: 4.0e-3}\n"
+        "scheme: {ksp_rtol: 1.0e-12}\ninitial: {kind: standing_wave, mode: 1, amplitude: 0.05}\nfluids: "
+    )
+    one = start(text + "[{name: a, depth: 0.2, kinematic_viscosity: 1.0e-3}]")
+    alike = "{name: %s, depth: 0.1, kinematic_viscosity: 1.0e-3}"
+    both = start(text + f"[{alike % 'a'}, {alike % 'b'}]")
+    assert not {"interfaces", "curvature", "wall liquids"} & set(one.seconds)
+    assert not {"interfaces", "curvature"} & set(both.seconds)
+    for _ in range(30):
+        one.step(9.0)
+        both.step(9.0)
+    p, q = one.particles, both.particles
+    order = p.id[: p.liquid].argsort(), q.id[: q.liquid].argsort()
+    moved = np.abs(p.velocity[: p.liquid]).max()
+    assert moved > 0.1
+    np.testing.assert_allclose(p.velocity[order[0]], q.velocity[order[1]], atol=1e-8 * moved)
+    assert one.kinetic_energy() == pytest.approx(both.kinetic_energy(), rel=1e-8)
+
+
+def test_an_interfacial_wave_has_the_period_of_linear_theory(start):
+    sim = start(
+        "dimension: 2\nspacing: 0.04\ntank: {size: [1.0, 0.7]}\ntime: {end: 9.0, max_step: 8.0e-3}\n"
+        "fluids: [{name: a, depth: 0.28, density: 3000}, {name: b, depth: 0.28}]\n"
+        "initial: {kind: standing_wave, mode: 1, amplitude: 0.02, branch: 2}\n"
+    )
+    _, omega, _ = standing_wave(sim.job)
+    assert layers_of(sim.job).free == 2
+    times, moment = [0.0], [0.0]
+    while sim.time < 1.1 * np.pi / omega:
+        sim.step(9.0)
+        p = sim.particles
+        times.append(sim.time)
+        moment.append((0.5 - p.position[: p.liquid][p.fluid[: p.liquid] == 0, 0]).sum())
+    moment = np.array(moment) / max(moment)
+    last = np.flatnonzero(moment[1:] < 0.0)[0]
+    zero = times[last] + (times[last + 1] - times[last]) * moment[last] / (moment[last] - moment[last + 1])
+    assert zero == pytest.approx(np.pi / omega, rel=0.04)  # 7 rows a layer; 7 % too long without slip
+
+
+def test_masses_are_those_of_the_volumes(start):
+    sim = start(two(lower=1300.0, upper=700.0))
+    mass = sim.mass_sum(np.ones(sim.particles.liquid))
+    assert mass == pytest.approx(0.2 * 0.06 * (1300.0 + 700.0), rel=1e-12)
+    assert np.all(sim.particles.kind[: sim.particles.liquid] == FLUID)
