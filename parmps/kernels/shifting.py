@@ -113,9 +113,14 @@ def keep_off_walls(position, velocity, kind, walls, least, rows):
         Number of particles put back.
     """
     count = 0
+    low, high = walls.container[0] + least, walls.container[1] - least
+    box = len(walls.solids) + len(walls.planes) + len(walls.rounds) + walls.field.size == 0
     for i in range(rows):
         if kind[i] != 0:
             continue
+        x, y, z = position[i, 0], position[i, 1], position[i, 2]
+        if box and low[0] <= x <= high[0] and low[1] <= y <= high[1] and low[2] <= z <= high[2]:
+            continue  # most particles
         for _ in range(3):  # in a corner, one wall after the other
             d, nx, ny, nz = wall_distance(position[i, 0], position[i, 1], position[i, 2], walls)
             if d >= least:
