@@ -227,7 +227,11 @@ def main():
         if alone:
             domain.abort(problem.exit_status)
         sys.exit(problem.exit_status)
-    except Exception:  # noqa: BLE001 - whatever failed on this rank, the others must not wait for it
+    except Exception as problem:  # noqa: BLE001 - whatever failed on this rank, the others must not wait for it
+        if isinstance(problem, BrokenPipeError) and command in ("schema", "plan"):
+            # the reader of the output, such as `head`, has seen enough; nor must the exit write any more to it
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return
         print(f"parmps: rank {domain.rank} failed:\n{traceback.format_exc()}", file=sys.stderr, flush=True)
         domain.abort(4)
 
