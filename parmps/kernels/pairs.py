@@ -103,6 +103,7 @@ def find_pairs(
         solid[k + 1] = solid[k] + (kind[i] != 0)
     ex, ey, ez = 1.0 / size[0], 1.0 / size[1], 1.0 / size[2]
     reach2 = reach * reach
+    baffled = solids.shape[0] > 0
     capacity = other.shape[0]
     count = 0
     first[0] = 0
@@ -135,7 +136,9 @@ def find_pairs(
             dummies = 0
             for k in range(begin, end):
                 j = other[k]
-                if not _sees(i, j, position, kind, normal, solids, wall_pairs):
+                if (kind[i] != 0 or kind[j] != 0 or baffled) and not _sees(
+                    i, j, position, kind, normal, solids, wall_pairs
+                ):
                     continue
                 r2 = square[k]
                 if kind[j] == 2:
