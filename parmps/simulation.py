@@ -20,7 +20,7 @@ from parmps.pressure import Blocks, PressureSolver, VelocitySolver
 from parmps.stages import make_plan, pressure_gradient, smooth_density
 from parmps.tank import initial_velocity, place
 
-HALO_MARGIN = 0.8
+HALO_MARGIN = 1.6
 """Width of the halo beyond the largest radius, in spacings: how far particles may move before it is renewed."""
 BALANCE_EVERY = 50
 """Steps between two looks at the balance of the ranks."""
