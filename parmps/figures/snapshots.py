@@ -278,7 +278,7 @@ def _figure(view, limits, rows, columns, show=False):
     """Make a figure of panels with the shape of the tank, and label its outer axes."""
     width, height = limits[1] - limits[0]
     panel_width = (WIDTH - 2.0) / columns
-    figure = new_figure(rows * (panel_width * height / width + 0.35) + 0.5, show)
+    figure = new_figure(rows * (panel_width * height / width + 0.45) + 1.0, show)
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     for panel in panels[-1]:
         panel.set_xlabel("x [m]")
