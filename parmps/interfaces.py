@@ -91,19 +91,40 @@ def share_with_walls(sim, values):
     sim.domain.exchange(values)
 
 
+def smooth_fraction(sim, fraction, near):
+    """Smooth the fraction of the own liquid among the particles near interfaces, and tell it the walls.
+
+    Parameters
+    ----------
+    sim : Simulation
+    fraction : (n,) float64
+    near : Near
+        Has the result.
+    """
+    p = sim.particles
+    interface.smooth_fraction(
+        p.position,
+        p.fluid,
+        sim.liquids.sheet,
+        fraction,
+        near.index,
+        *sim.pairs.wet,
+        sim.l0,
+        sim.scheme.radius,
+        near.fraction,
+    )
+    share_with_walls(sim, near.fraction)
+
+
 def find_interfaces(sim):
     """Find the particles near interfaces, and the interfaces' normals."""
     p, w, near = sim.particles, sim.work, sim.work.near_interface
     sheet = sim.liquids.sheet
     near.reset(interface.find_near(*sim.pairs.lists, p.kind, p.fluid, sheet, p.liquid, near.room))
     common = (p.position, p.kind, p.fluid, sheet)
-    reach = (*sim.pairs.lists, sim.l0, sim.scheme.radius)
-    interface.own_fraction(*common, near.index, *reach, near.fraction)
-    share_with_walls(sim, near.fraction)
-    lists, scale = reach[:2], reach[2:]
-    interface.normals(
-        *common, near.fraction, near.index, *lists, w.inverse, *scale, near.normal, near.beyond
-    )
+    smooth_fraction(sim, near.fraction.copy(), near)
+    links = (near.index, *sim.pairs.wet, sim.strength)
+    interface.normals(*common, near.fraction, *links, w.inverse, sim.l0, near.normal, near.beyond)
     sim.domain.exchange(near.normal)
 
 
@@ -113,22 +134,20 @@ def find_curvature(sim):
     It is a second derivative, and the colour function and the curvature are smoothed.
     """
     p, w, near = sim.particles, sim.work, sim.work.curved
-    fraction, lists, scale = w.near_interface.fraction, sim.pairs.lists, (sim.l0, sim.scheme.radius)
-    near.reset(interface.widen(*lists, p.kind, fraction, p.liquid, near.room))
+    fraction = w.near_interface.fraction
+    near.reset(interface.widen(*sim.pairs.lists, p.kind, fraction, p.liquid, near.room))
     common = (p.position, p.kind, p.fluid, sim.liquids.sheet)
+    links = (near.index, *sim.pairs.wet, sim.strength)
     for _ in range(SMOOTHINGS):
-        interface.smooth_fraction(*common, fraction, near.index, *lists, *scale, near.fraction)
-        share_with_walls(sim, near.fraction)
+        smooth_fraction(sim, fraction, near)
         fraction = near.fraction.copy()
-    interface.normals(
-        *common, near.fraction, near.index, *lists, w.inverse, *scale, near.normal, near.beyond
-    )
+    interface.normals(*common, near.fraction, *links, w.inverse, sim.l0, near.normal, near.beyond)
     sim.domain.exchange(near.normal)
     w.bend[:] = 0.0
-    interface.curvature(*common, near.normal, near.index, *lists, *scale, sim.dimension, w.bend)
+    interface.curvature(*common, near.normal, *links, sim.dimension, w.bend)
     for _ in range(SMOOTHINGS):
         sim.domain.exchange(w.bend)
-        interface.smooth_curvature(*common, w.bend.copy(), near.normal, near.index, *lists, *scale, w.bend)
+        interface.smooth_curvature(*common, w.bend.copy(), near.normal, *links, sim.scheme.radius, w.bend)
     share_with_walls(sim, w.bend)
 
 
@@ -141,16 +160,14 @@ def correct_divergence(sim):
         Of the particles.
     divergence : (m,) float64, 1/s
     """
-    p, s, w, near = sim.particles, sim.scheme, sim.work, sim.work.near_interface
-    lists = sim.pairs.lists
+    p, w, near = sim.particles, sim.work, sim.work.near_interface
     common = (p.kind, p.fluid, sim.liquids.sheet)
-    scale = (sim.l0, s.radius, sim.lattice.density, sim.dimension)
+    links = (near.index, *sim.pairs.wet, sim.strength)
+    scale = (sim.lattice.density, sim.dimension)
     inverse = np.empty((len(near.index), 6))
-    interface.own_moments(p.position, *common, near.index, *lists, *scale, inverse)
+    interface.own_moments(p.position, *common, *links, *scale, inverse)
     density.invert(inverse, OWN_FLOOR, sim.dimension, inverse)
-    interface.own_gradient(
-        p.position, w.intermediate, *common, near.index, *lists, inverse, *scale, w.gradient
-    )
+    interface.own_gradient(p.position, w.intermediate, *common, *links, inverse, *scale, w.gradient)
     sim.domain.exchange(w.gradient)
     interface.divergence(
         p.position,
@@ -158,8 +175,7 @@ def correct_divergence(sim):
         w.gradient,
         *common,
         near.normal,
-        near.index,
-        *lists,
+        *links,
         w.inverse,
         *scale,
         near.divergence,
@@ -185,9 +201,9 @@ def correct_acceleration(sim):
         w.bend,
         near.normal,
         near.index,
-        *sim.pairs.lists,
+        *sim.pairs.wet,
+        sim.strength,
         sim.l0,
-        s.radius,
         sim.lattice.density,
         sim.dimension,
         inverse,

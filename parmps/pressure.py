@@ -306,9 +306,9 @@ class Blocks:
         -------
         Blocks
         """
-        copy = Blocks.__new__(Blocks)
-        for name in ("first", "columns", "values", "halo_first", "halo_columns", "halo_values"):
-            setattr(copy, name, getattr(self, name).copy())
+        copy = Blocks(len(self.at_diagonal), len(self.columns))
+        for array, original in zip(copy.arrays, self.arrays, strict=True):
+            array[:] = original
         sort_rows(copy.first, copy.columns, copy.values)
         sort_rows(copy.halo_first, copy.halo_columns, copy.halo_values)
         return copy

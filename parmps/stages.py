@@ -353,12 +353,12 @@ def add_body_force_to_liquid(sim):
 
 def add_viscosity(sim):
     """Add the viscous change of velocity: explicit, or implicit where the explicit one needs shorter steps."""
-    p, s, w, lat = sim.particles, sim.scheme, sim.work, sim.lattice
-    operator = (*sim.pairs.lists, sim.l0, s.radius, lat.density, lat.lam, sim.dimension)
+    p, w, lat = sim.particles, sim.work, sim.lattice
+    operator = (*sim.pairs.wet, sim.strength, sim.l0, lat.density, lat.lam, sim.dimension)
     walls = (p.kind, p.normal, p.depth)
     table = sim.liquids.viscosity
     if not sim.implicit:
-        velocity.add_viscosity(
+        viscosity.add_viscosity(
             p.position, p.velocity, *walls, table, *operator, sim.dt, p.liquid, w.intermediate, sim.fluid
         )
         return
@@ -413,9 +413,9 @@ def measure_divergence(sim):
             p.kind,
             p.normal,
             p.depth,
-            *sim.pairs.lists,
+            *sim.pairs.wet,
+            sim.strength,
             sim.l0,
-            s.radius,
             p.liquid,
             p.rows,
             w.intermediate,

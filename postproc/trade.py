@@ -16,6 +16,8 @@ import matplotlib
 matplotlib.use("Agg")
 from matplotlib import pyplot
 
+from parmps.figures.style import COLOURS
+
 
 def pareto(points):
     """Settings that no other beats in both cost and error, cheapest first.
@@ -77,7 +79,7 @@ def main(arguments=None):
         front = pareto(points)
         panel.loglog(*zip(*((cost, error) for _, error, cost in front), strict=True), color="0.6")
         for setting, error, cost in points:
-            panel.plot(cost, error, "o", color="#D55E00" if (setting, error, cost) in front else "#0072B2")
+            panel.plot(cost, error, "o", color=COLOURS[(setting, error, cost) in front])
             panel.annotate(setting.removeprefix("scheme."), (cost, error), fontsize=6, rotation=20)
             mark = "front" if (setting, error, cost) in front else ""
             lines.append(f"| {scene} | {setting} | {error:.2f} | {cost:.1f} | {mark} |")

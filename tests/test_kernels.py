@@ -444,8 +444,8 @@ def test_viscosity(dimension, noise):
     c = make_case(dimension, noise)
     n, nu, dt, before = c.p.liquid, 1e-3, 2e-3, c.rng.normal(size=(len(c.p), 3))
     out = before.copy()
-    velocity.add_viscosity(
-        c.p.position, c.vector, c.p.kind, c.p.normal, c.p.depth, np.full((1, 1), nu), *c.lists, c.l0, REACH,
+    viscosity.add_viscosity(
+        c.p.position, c.vector, c.p.kind, c.p.normal, c.p.depth, np.full((1, 1), nu), *c.wet, c.l0,
         c.lat.density, c.lat.lam, dimension, dt, n, out,
     )  # fmt: skip
     w = np.where(c.p.kind == 2, 0.0, c.w)[:n]
@@ -469,7 +469,7 @@ def test_implicit_viscosity_has_the_operator_of_the_explicit_one(dimension, nois
     first, halo_first = np.zeros((2, rows + 1), np.int32)
     columns, halo_columns = np.zeros((2, len(c.lists[1]) + rows), np.int32)
     values, halo_values = np.zeros((2, len(columns)))
-    operator = (*c.lists, c.l0, REACH, c.lat.density, c.lat.lam, dimension)
+    operator = (*c.wet, c.l0, c.lat.density, c.lat.lam, dimension)
     walls = (c.p.kind, c.p.normal, c.p.depth)
     viscosity.viscosity_rows(
         c.p.position, *walls, diffusion, column, *operator, first, columns, values, halo_first, halo_columns,
@@ -481,7 +481,7 @@ def test_implicit_viscosity_has_the_operator_of_the_explicit_one(dimension, nois
     np.testing.assert_array_equal(matrix, matrix.T)
     np.testing.assert_array_equal(matrix[n:, n:], np.eye(rows - n))
     change = np.zeros_like(c.vector)
-    velocity.add_viscosity(c.p.position, c.vector, *walls, np.full((1, 1), diffusion), *operator, 1.0, n, change)
+    viscosity.add_viscosity(c.p.position, c.vector, *walls, np.full((1, 1), diffusion), *operator, 1.0, n, change)
     np.testing.assert_allclose(matrix[:n, :n] @ c.vector[:n], c.vector[:n] - change[:n], rtol=1e-10, atol=1e-12)
 
 
@@ -495,9 +495,8 @@ def test_reflection_at_walls(dimension, noise):
         c.p.kind,
         c.p.normal,
         c.p.depth,
-        *c.lists,
+        *c.wet,
         c.l0,
-        REACH,
         c.p.liquid,
         c.rows,
         out,

@@ -5,7 +5,7 @@ import pytest
 
 from parmps.domain import Domain
 from parmps.interfaces import correct_acceleration, correct_divergence
-from parmps.kernels import velocity
+from parmps.kernels import viscosity
 from parmps.kernels.weight import lattice
 from parmps.liquids import Liquids
 from parmps.loader import parse_job
@@ -139,8 +139,8 @@ def test_viscous_forces_of_two_layers_in_a_channel(start, ratio):
     liquids = Liquids(sim.job)
     table = 2.0 * mu[:, None] * mu / (mu[:, None] + mu) / liquids.density[:, None]
     out = np.zeros_like(v)
-    velocity.add_viscosity(
-        p.position, v, p.kind, p.normal, p.depth, table, *sim.pairs.lists, sim.l0, REACH, sim.lattice.density,
+    viscosity.add_viscosity(
+        p.position, v, p.kind, p.normal, p.depth, table, *sim.pairs.wet, sim.strength, sim.l0, sim.lattice.density,
         sim.lattice.lam, 2, 1.0, p.liquid, out, p.fluid,
     )  # fmt: skip
     inner = np.flatnonzero((np.abs(p.position[: p.liquid, 0] - 0.1) < 0.05) & (np.abs(z[: p.liquid]) < 0.035))

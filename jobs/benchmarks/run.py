@@ -7,7 +7,6 @@ which depends less on the machine.
 """
 
 import argparse
-import datetime
 import json
 import os
 import resource
@@ -19,6 +18,10 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 JOB = ROOT / "jobs" / "sloshing.yaml"
+
+sys.path.insert(0, str(ROOT / "jobs"))
+
+from provenance import provenance  # noqa: E402
 
 
 def measure(steps, windows, warm_up):
@@ -131,12 +134,9 @@ def main():
         for ranks, done in runs.items():
             done.append(run(ranks, options))
     lines = table(summary(runs[1]), summary(runs[2]), runs[1][0]["particles"])
-    commit = subprocess.run(["git", "-C", ROOT, "rev-parse", "--short", "HEAD"], capture_output=True, text=True)
-    info = Path("/proc/cpuinfo").read_text().splitlines()
-    model = next(line.split(":")[1].strip() for line in info if line.startswith("model name"))
     lines += [
         "",
-        f"`make bench` at commit {commit.stdout.strip()} on {datetime.date.today()}: {os.cpu_count()} cores, {model}. "
+        f"`make bench` at {provenance()}. "
         f"Medians of {options.rounds * options.windows} windows of {options.steps} steps.",
     ]
     text = "\n".join(lines) + "\n"

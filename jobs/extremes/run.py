@@ -7,7 +7,6 @@ names as arguments, only those cases run and nothing is written.
 """
 
 import argparse
-import datetime
 import json
 import math
 import os
@@ -29,6 +28,11 @@ from parmps.simulation import Simulation
 from parmps.stages import smooth_density
 
 ROOT = Path(__file__).resolve().parents[2]
+
+sys.path.insert(0, str(ROOT / "jobs"))
+
+from provenance import provenance  # noqa: E402
+
 MOST = 0.02
 """Greatest energy above the supply, and greatest relative change of the volume."""
 SHORTEST = 1e-3
@@ -319,14 +323,10 @@ def main():
 
 def write_results(rows, total):
     """Write the table, with what made it."""
-    commit = subprocess.run(["git", "-C", ROOT, "rev-parse", "--short", "HEAD"], capture_output=True, text=True)
-    info = Path("/proc/cpuinfo").read_text().splitlines()
-    model = next(line.split(":")[1].strip() for line in info if line.startswith("model name"))
-    machine = f"commit {commit.stdout.strip()} on {datetime.date.today()}: {os.cpu_count()} cores, {model}"
     lines = [
         f"{total}.", "",
-        f"`make extremes` at {machine}. What survived means is said in `run.py`; energy and volume are the worst of "
-        "the run. Tanks other than boxes and several liquids are left out.",
+        f"`make extremes` at {provenance()}. What survived means is said in `run.py`; energy and volume are the worst "
+        "of the run. Tanks other than boxes and several liquids are left out.",
         "", "| case | ranks | result | |", "|---|---|---|---|",
         *(f"| {name} | {ranks} | {verdict} | {why} |" for name, ranks, verdict, why in rows),
     ]  # fmt: skip

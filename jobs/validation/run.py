@@ -24,7 +24,6 @@ import importlib.util
 import json
 import math
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -37,13 +36,14 @@ PRESETS = ("papers", "fast", "balanced", "accurate")
 ALLOWANCE = {"accurate": 1.0, "balanced": 1.5}
 """Share of the target that a preset may use; the others are told without a verdict."""
 
-sys.path[:0] = [str(ROOT), str(HERE)]
+sys.path[:0] = [str(ROOT), str(HERE), str(HERE.parent)]
 
 import h5py  # noqa: E402
 import matplotlib  # noqa: E402
 
 matplotlib.use("Agg")
 from matplotlib import pyplot  # noqa: E402
+from provenance import processor  # noqa: E402
 from results import Results  # noqa: E402
 
 from parmps.loader import load_job  # noqa: E402
@@ -278,9 +278,7 @@ def provenance():
     """With what code and on what machine."""
     git = ["git", "-C", ROOT, "log", "-1", "--format=%h", "--", "parmps"]
     commit = subprocess.run(git, capture_output=True, text=True, check=False).stdout.strip()
-    info = Path("/proc/cpuinfo")
-    model = re.search(r"model name\s*: (.*)", info.read_text())[1] if info.exists() else "unknown processor"
-    return f"Solver at commit {commit}, one rank, {os.cpu_count()} cores, {model}."
+    return f"Solver at commit {commit}, one rank, {processor()}."
 
 
 def run_case(name, options):

@@ -1,7 +1,6 @@
 """Charts of a sweep: one figure a measure, over what the cases change."""
 
 import csv
-from pathlib import Path
 
 import numpy as np
 
@@ -196,18 +195,3 @@ def _is_number(cells):
     except ValueError:
         return False
     return True
-
-
-def pictures_of(sweep):
-    """Pictures that `draw_sweep` has made.
-
-    Parameters
-    ----------
-    sweep : Sweep
-
-    Returns
-    -------
-    list of Path
-    """
-    folder = Path(sweep.run.directory)
-    return [path for item in sweep.measures if (path := folder / f"{item.name}.png").exists()]

@@ -99,43 +99,6 @@ def find_near(first, other, kind, fluid, sheet, rows, near):
 
 
 @compiled
-def own_fraction(position, kind, fluid, sheet, near, first, other, l0, reach, out):
-    """Share of a particle's own liquid in its neighbourhood, by the smooth weight: the colour function smoothed.
-
-    Parameters
-    ----------
-    position : (n, 3) float64, m
-    kind, fluid : (n,) int8
-    sheet
-        As in `find_near`.
-    near : (m,) int32
-        Particles near an interface.
-    first, other
-        Neighbour lists.
-    l0 : float
-        Spacing, m.
-    reach : float
-        In spacings.
-    out : (n,) float64
-        Filled for those particles.
-    """
-    for i in near:
-        own = total = 1.0
-        for k in range(first[i], first[i + 1]):
-            j = other[k]
-            if kind[j] == 2:
-                continue
-            dx = (position[j, 0] - position[i, 0]) / l0
-            dy = (position[j, 1] - position[i, 1]) / l0
-            dz = (position[j, 2] - position[i, 2]) / l0
-            w = smooth_weight(math.sqrt(dx * dx + dy * dy + dz * dz), reach)
-            total += w
-            if not sheet[fluid[i], fluid[j]]:
-                own += w
-        out[i] = own / total
-
-
-@compiled
 def widen(first, other, kind, fraction, rows, near):
     """List the liquid particles that have a neighbour near an interface, or are near one.
 
@@ -145,7 +108,7 @@ def widen(first, other, kind, fraction, rows, near):
         Neighbour lists.
     kind : (n,) int8
     fraction : (n,) float64
-        As made by `own_fraction`; 1 away from interfaces.
+        As made by `smooth_fraction`; 1 away from interfaces.
     rows : int
     near : (rows,) int32
         Filled from the start.
@@ -169,24 +132,34 @@ def widen(first, other, kind, fraction, rows, near):
 
 
 @compiled
-def smooth_fraction(position, kind, fluid, sheet, fraction, near, first, other, l0, reach, out):
-    """Smooth the fraction of the own liquid once more.
+def smooth_fraction(position, fluid, sheet, fraction, near, first, last, other, l0, reach, out):
+    """Smooth the share of a particle's own liquid in its neighbourhood, by the smooth weight.
+
+    From 1 everywhere, as without smoothing, it makes the colour function, smoothed once.
 
     Parameters
     ----------
-    position, kind, fluid, sheet, near, first, other, l0, reach
-        As in `own_fraction`.
+    position : (n, 3) float64, m
+    fluid : (n,) int8
+    sheet
+        As in `find_near`.
     fraction : (n,) float64
-        As made there, walls included.
+        Of all particles, walls included.
+    near : (m,) int32
+        Particles near an interface.
+    first, last, other
+        Neighbour lists.
+    l0 : float
+        Spacing, m.
+    reach : float
+        In spacings.
     out : (n,) float64
         Filled for those particles.
     """
     for i in near:
         total, value = 1.0, fraction[i]
-        for k in range(first[i], first[i + 1]):
+        for k in range(first[i], last[i]):
             j = other[k]
-            if kind[j] == 2:
-                continue
             dx = (position[j, 0] - position[i, 0]) / l0
             dy = (position[j, 1] - position[i, 1]) / l0
             dz = (position[j, 2] - position[i, 2]) / l0
@@ -197,7 +170,7 @@ def smooth_fraction(position, kind, fluid, sheet, fraction, near, first, other, 
 
 
 @compiled
-def normals(position, kind, fluid, sheet, fraction, near, first, other, inverse, l0, reach, out, beyond):
+def normals(position, kind, fluid, sheet, fraction, near, first, last, other, strength, inverse, l0, out, beyond):
     """Normals of the interface, out of each particle's own liquid, and the first moment of what lies beyond.
 
     They are as long as the fraction of the own liquid is steep: short where they are not certain, as in the middle
@@ -205,10 +178,20 @@ def normals(position, kind, fluid, sheet, fraction, near, first, other, inverse,
 
     Parameters
     ----------
-    position, kind, fluid, sheet, near, first, other, l0, reach
-        As in `own_fraction`.
+    position : (n, 3) float64, m
+    kind, fluid : (n,) int8
+    sheet
+        As in `find_near`.
+    near : (m,) int32
+        Particles near an interface.
+    first, last, other
+        Neighbour lists.
+    strength : (pairs,) float64, 1/m2
+        W / r_ij^2, as made by `strengths`.
+    l0 : float
+        Spacing, m.
     fraction : (n,) float64
-        As made there, for walls that of the liquid next to them; 1 away from interfaces.
+        As made by `smooth_fraction`, for walls that of the liquid next to them; 1 away from interfaces.
     inverse : (rows, 6) float64
         Inverse moment matrices, as made by `invert`.
     out : (n, 3) float64, 1/spacings
@@ -218,17 +201,12 @@ def normals(position, kind, fluid, sheet, fraction, near, first, other, inverse,
     """
     for i in near:
         gx = gy = gz = qx = qy = qz = 0.0
-        for k in range(first[i], first[i + 1]):
+        for k in range(first[i], last[i]):
             j = other[k]
-            if kind[j] == 2:
-                continue
-            dx = (position[j, 0] - position[i, 0]) / l0
-            dy = (position[j, 1] - position[i, 1]) / l0
-            dz = (position[j, 2] - position[i, 2]) / l0
-            r2 = dx * dx + dy * dy + dz * dz
-            if r2 >= reach * reach:
-                continue
-            s = weight(math.sqrt(r2), reach) / r2
+            dx = position[j, 0] - position[i, 0]
+            dy = position[j, 1] - position[i, 1]
+            dz = position[j, 2] - position[i, 2]
+            s = strength[k]
             c = fraction[j]
             if sheet[fluid[i], fluid[j]]:
                 c = 1.0 - c
@@ -244,18 +222,18 @@ def normals(position, kind, fluid, sheet, fraction, near, first, other, inverse,
         nx = m[0] * gx + m[1] * gy + m[2] * gz
         ny = m[1] * gx + m[3] * gy + m[4] * gz
         nz = m[2] * gx + m[4] * gy + m[5] * gz
-        out[i, 0], out[i, 1], out[i, 2] = nx, ny, nz
-        beyond[i, 0], beyond[i, 1], beyond[i, 2] = qx, qy, qz
+        out[i, 0], out[i, 1], out[i, 2] = l0 * nx, l0 * ny, l0 * nz
+        beyond[i, 0], beyond[i, 1], beyond[i, 2] = l0 * qx, l0 * qy, l0 * qz
 
 
 @compiled
-def own_moments(position, kind, fluid, sheet, near, first, other, l0, reach, n0, dimension, matrix):
+def own_moments(position, kind, fluid, sheet, near, first, last, other, strength, n0, dimension, matrix):
     """Moment matrices over the neighbours in a particle's own liquid and walls, as in `moments`.
 
     Parameters
     ----------
-    position, kind, fluid, sheet, near, first, other, l0, reach
-        As in `own_fraction`.
+    position, kind, fluid, sheet, near, first, last, other, strength
+        As in `normals`.
     n0 : float
     dimension : int
     matrix : (m, 6) float64
@@ -265,17 +243,14 @@ def own_moments(position, kind, fluid, sheet, near, first, other, l0, reach, n0,
     for a in range(near.shape[0]):
         i = near[a]
         xx = xy = xz = yy = yz = zz = 0.0
-        for k in range(first[i], first[i + 1]):
+        for k in range(first[i], last[i]):
             j = other[k]
-            if kind[j] == 2 or (kind[j] == 0 and sheet[fluid[i], fluid[j]]):
+            if kind[j] == 0 and sheet[fluid[i], fluid[j]]:
                 continue
-            dx = (position[j, 0] - position[i, 0]) / l0
-            dy = (position[j, 1] - position[i, 1]) / l0
-            dz = (position[j, 2] - position[i, 2]) / l0
-            r2 = dx * dx + dy * dy + dz * dz
-            if r2 >= reach * reach:
-                continue
-            s = scale * weight(math.sqrt(r2), reach) / r2
+            dx = position[j, 0] - position[i, 0]
+            dy = position[j, 1] - position[i, 1]
+            dz = position[j, 2] - position[i, 2]
+            s = scale * strength[k]
             xx += s * dx * dx
             xy += s * dx * dy
             xz += s * dx * dz
@@ -287,12 +262,14 @@ def own_moments(position, kind, fluid, sheet, near, first, other, l0, reach, n0,
 
 
 @compiled
-def own_gradient(position, velocity, kind, fluid, sheet, near, first, other, inverse, l0, reach, n0, dimension, out):
+def own_gradient(
+    position, velocity, kind, fluid, sheet, near, first, last, other, strength, inverse, n0, dimension, out
+):
     """Gradient of the velocity of a particle's own liquid, which can jump at the interface.
 
     Parameters
     ----------
-    position, kind, fluid, sheet, near, first, other, l0, reach, n0, dimension
+    position, kind, fluid, sheet, near, first, last, other, strength, n0, dimension
         As in `own_moments`.
     velocity : (n, 3) float64, m/s
     inverse : (m, 6) float64
@@ -300,23 +277,19 @@ def own_gradient(position, velocity, kind, fluid, sheet, near, first, other, inv
     out : (n, 9) float64, 1/s
         Filled for those particles, as in `velocity_gradient`.
     """
-    scale = dimension / (n0 * l0)
+    scale = dimension / n0
     g = np.empty((3, 3))
     d = np.empty(3)
     for a in range(near.shape[0]):
         i = near[a]
         g[:] = 0.0
-        for k in range(first[i], first[i + 1]):
+        for k in range(first[i], last[i]):
             j = other[k]
-            if kind[j] == 2 or (kind[j] == 0 and sheet[fluid[i], fluid[j]]):
+            if kind[j] == 0 and sheet[fluid[i], fluid[j]]:
                 continue
-            r2 = 0.0
+            s = scale * strength[k]
             for b in range(3):
-                d[b] = (position[j, b] - position[i, b]) / l0
-                r2 += d[b] * d[b]
-            if r2 >= reach * reach:
-                continue
-            s = scale * weight(math.sqrt(r2), reach) / r2
+                d[b] = position[j, b] - position[i, b]
             for b in range(3):
                 for c in range(3):
                     g[b, c] += s * (velocity[j, b] - velocity[i, b]) * d[c]
@@ -338,10 +311,10 @@ def divergence(
     normal,
     near,
     first,
+    last,
     other,
+    strength,
     inverse,
-    l0,
-    reach,
     n0,
     dimension,
     out,
@@ -354,7 +327,7 @@ def divergence(
 
     Parameters
     ----------
-    position, velocity, kind, fluid, sheet, near, first, other, l0, reach, n0, dimension
+    position, velocity, kind, fluid, sheet, near, first, last, other, strength, n0, dimension
         As in `own_gradient`.
     gradient : (n, 9) float64, 1/s
         Of each particle's own liquid.
@@ -365,20 +338,15 @@ def divergence(
     out : (rows,) float64, 1/s
         Filled for those particles.
     """
-    scale = dimension / (n0 * l0)
+    scale = dimension / n0
     for i in near:
         total = 0.0
         m, g, n = inverse[i], gradient[i], normal[i]
-        for k in range(first[i], first[i + 1]):
+        for k in range(first[i], last[i]):
             j = other[k]
-            if kind[j] == 2:
-                continue
             dx = position[j, 0] - position[i, 0]
             dy = position[j, 1] - position[i, 1]
             dz = position[j, 2] - position[i, 2]
-            r2 = (dx * dx + dy * dy + dz * dz) / (l0 * l0)
-            if r2 >= reach * reach:
-                continue
             u = velocity[j, 0] - velocity[i, 0]
             v = velocity[j, 1] - velocity[i, 1]
             w = velocity[j, 2] - velocity[i, 2]
@@ -396,7 +364,7 @@ def divergence(
                 u = ox + along * nx
                 v = oy + along * ny
                 w = oz + along * nz
-            s = scale / l0 * weight(math.sqrt(r2), reach) / r2
+            s = scale * strength[k]
             total += s * (
                 u * (m[0] * dx + m[1] * dy + m[2] * dz)
                 + v * (m[1] * dx + m[3] * dy + m[4] * dz)
@@ -421,9 +389,10 @@ def pressure_gradient(
     normal,
     near,
     first,
+    last,
     other,
+    strength,
     l0,
-    reach,
     n0,
     dimension,
     matrix,
@@ -437,8 +406,10 @@ def pressure_gradient(
 
     Parameters
     ----------
-    position, kind, fluid, normal, near, first, other, l0, reach, n0, dimension
+    position, kind, fluid, normal, near, first, last, other, strength, n0, dimension
         As in `divergence`.
+    l0 : float
+        Spacing, m.
     pressure : (n,) float64, Pa
     force : (n, 3) float64, m/s2
         Of fluid particles.
@@ -459,16 +430,11 @@ def pressure_gradient(
         xx = xy = xz = yy = yz = zz = gx = gy = gz = 0.0
         here = pressure[i] if surface[i] == 0 else max(pressure[i], 0.0)
         own = volume[fluid[i], fluid[i]]
-        for k in range(first[i], first[i + 1]):
+        for k in range(first[i], last[i]):
             j = other[k]
-            if kind[j] == 2:
-                continue
             dx = (position[j, 0] - position[i, 0]) / l0
             dy = (position[j, 1] - position[i, 1]) / l0
             dz = (position[j, 2] - position[i, 2]) / l0
-            r2 = dx * dx + dy * dy + dz * dz
-            if r2 >= reach * reach:
-                continue
             there = pressure[j] if surface[j] == 0 else max(pressure[j], 0.0)
             if tension is not None:
                 there -= pressure_jump(fluid[i], fluid[j], tension, bend[i], bend[j])
@@ -483,7 +449,7 @@ def pressure_gradient(
                 dx = t * dx + (1.0 - t) * along * nx
                 dy = t * dy + (1.0 - t) * along * ny
                 dz = t * dz + (1.0 - t) * along * nz
-            s = scale * weight(math.sqrt(r2), reach) / r2
+            s = scale * l0 * l0 * strength[k]
             gx += s * q * dx
             gy += s * q * dy
             gz += s * q * dz
@@ -533,7 +499,7 @@ def solve_gradient(force, near, inverse, sums, out):
 
 
 @compiled
-def curvature(position, kind, fluid, sheet, normal, near, first, other, l0, reach, dimension, out):
+def curvature(position, kind, fluid, sheet, normal, near, first, last, other, strength, dimension, out):
     """Curvature of the interface near each particle, div n with n out of its own liquid; positive where it is convex.
 
     The divergence of the unit normal is a least-squares fit to the neighbours near the interface, those of other
@@ -542,8 +508,8 @@ def curvature(position, kind, fluid, sheet, normal, near, first, other, l0, reac
 
     Parameters
     ----------
-    position, kind, fluid, sheet, near, first, other, l0, reach
-        As in `own_fraction`.
+    position, kind, fluid, sheet, near, first, last, other, strength
+        As in `normals`.
     normal : (n, 3) float64
         As made by `normals`; 0 away from interfaces.
     dimension : int
@@ -559,7 +525,7 @@ def curvature(position, kind, fluid, sheet, normal, near, first, other, l0, reac
         steep = math.sqrt(normal[i, 0] ** 2 + normal[i, 1] ** 2 + normal[i, 2] ** 2) + 1e-300
         for b in range(3):
             own[b] = normal[i, b] / steep
-        for k in range(first[i], first[i + 1]):
+        for k in range(first[i], last[i]):
             j = other[k]
             if kind[j] != 0:
                 continue
@@ -568,11 +534,9 @@ def curvature(position, kind, fluid, sheet, normal, near, first, other, l0, reac
                 continue
             r2 = 0.0
             for b in range(3):
-                d[b] = (position[j, b] - position[i, b]) / l0
+                d[b] = position[j, b] - position[i, b]
                 r2 += d[b] * d[b]
-            if r2 >= reach * reach:
-                continue
-            s = steep * weight(math.sqrt(r2), reach) / r2
+            s = steep * strength[k]
             turn = (-1.0 if sheet[fluid[i], fluid[j]] else 1.0) / steep
             total += s * r2
             for b in range(3):
@@ -588,7 +552,7 @@ def curvature(position, kind, fluid, sheet, normal, near, first, other, l0, reac
         if total == 0.0:
             continue
         matrix *= dimension / total
-        g *= dimension / (total * l0)
+        g *= dimension / total
         invert(matrix, 0.2, dimension, inverse)
         m = inverse[0]
         out[i] = (
@@ -599,13 +563,15 @@ def curvature(position, kind, fluid, sheet, normal, near, first, other, l0, reac
 
 
 @compiled
-def smooth_curvature(position, kind, fluid, sheet, bend, normal, near, first, other, l0, reach, out):
+def smooth_curvature(position, kind, fluid, sheet, bend, normal, near, first, last, other, strength, reach, out):
     """Mean of the curvature over the neighbourhood, weighted by the steepness of the colour function.
 
     Parameters
     ----------
-    position, kind, fluid, sheet, normal, near, first, other, l0, reach
+    position, kind, fluid, sheet, normal, near, first, last, other, strength
         As in `curvature`.
+    reach : float
+        Radius r_e, in spacings.
     bend : (n,) float64, 1/m
     out : (n,) float64, 1/m
         Filled for those particles.
@@ -613,17 +579,14 @@ def smooth_curvature(position, kind, fluid, sheet, bend, normal, near, first, ot
     for i in near:
         total = weight(0.0, reach) * math.sqrt(normal[i, 0] ** 2 + normal[i, 1] ** 2 + normal[i, 2] ** 2)
         value = total * bend[i]
-        for k in range(first[i], first[i + 1]):
+        for k in range(first[i], last[i]):
             j = other[k]
             if kind[j] != 0:
                 continue
-            dx = (position[j, 0] - position[i, 0]) / l0
-            dy = (position[j, 1] - position[i, 1]) / l0
-            dz = (position[j, 2] - position[i, 2]) / l0
-            r2 = dx * dx + dy * dy + dz * dz
-            if r2 >= reach * reach:
-                continue
-            s = weight(math.sqrt(r2), reach)
+            dx = position[j, 0] - position[i, 0]
+            dy = position[j, 1] - position[i, 1]
+            dz = position[j, 2] - position[i, 2]
+            s = strength[k] * (dx * dx + dy * dy + dz * dz)
             s *= math.sqrt(normal[j, 0] ** 2 + normal[j, 1] ** 2 + normal[j, 2] ** 2)
             total += s
             value += -s * bend[j] if sheet[fluid[i], fluid[j]] else s * bend[j]

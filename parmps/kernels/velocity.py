@@ -1,9 +1,10 @@
-"""Body force, velocities at the walls, velocity gradient, viscosity, and contacts of close particles."""
+"""Body force, velocities at the walls, velocity gradient, and contacts of close particles."""
 
 import math
 
+from numba import njit
+
 from parmps.kernels.compiled import compiled
-from parmps.kernels.weight import weight
 
 
 @compiled
@@ -130,8 +131,27 @@ def accelerate(intermediate, change, predicted, dt, rows, acceleration, velocity
             acceleration[i, d] = 0.5 * (acceleration[i, d] + predicted[i, d])
 
 
+@njit(inline="always")
+def ghost_ratio(depth, height, l0):
+    """Speed beyond a wall's surface over that before it, reversed, of a velocity that is 0 on the surface.
+
+    Parameters
+    ----------
+    depth, height : float, m
+        Of the wall particle below the surface, and of the liquid above it.
+    l0 : float
+        Spacing, m.
+
+    Returns
+    -------
+    float
+        depth / height, at most 1.5: liquid that is too near a wall must not be thrown off.
+    """
+    return min(depth / max(height, 1e-3 * l0), 1.5)
+
+
 @compiled
-def reflect_at_walls(position, velocity, kind, normal, depth, first, other, l0, reach, begin, end, out):
+def reflect_at_walls(position, velocity, kind, normal, depth, first, last, other, strength, l0, begin, end, out):
     """Velocity of wall particles that makes the wall impermeable and frictionless.
 
     The liquid's velocity near the wall particle (weighted mean) with its normal component extrapolated
@@ -144,12 +164,12 @@ def reflect_at_walls(position, velocity, kind, normal, depth, first, other, l0, 
     normal : (n, 3) float64
     depth : (n,) float64, m
         Of the wall particle below the wall's surface.
-    first, other
+    first, last, other
         Neighbour lists.
+    strength : (pairs,) float64, 1/m2
+        W / r_ij^2, as made by `strengths`.
     l0 : float
         Spacing, m.
-    reach : float
-        In spacings.
     begin, end : int
         Range of the wall particles.
     out : (n, 3) float64, m/s
@@ -157,26 +177,23 @@ def reflect_at_walls(position, velocity, kind, normal, depth, first, other, l0, 
     """
     for i in range(begin, end):
         total = vx = vy = vz = height = 0.0
-        for k in range(first[i], first[i + 1]):
+        for k in range(first[i], last[i]):
             j = other[k]
             if kind[j] != 0:
                 continue
-            dx = (position[j, 0] - position[i, 0]) / l0
-            dy = (position[j, 1] - position[i, 1]) / l0
-            dz = (position[j, 2] - position[i, 2]) / l0
-            r2 = dx * dx + dy * dy + dz * dz
-            if r2 < reach * reach:
-                w = weight(math.sqrt(r2), reach)
-                total += w
-                vx += w * velocity[j, 0]
-                vy += w * velocity[j, 1]
-                vz += w * velocity[j, 2]
-                height += w * (dx * normal[i, 0] + dy * normal[i, 1] + dz * normal[i, 2])
+            dx = position[j, 0] - position[i, 0]
+            dy = position[j, 1] - position[i, 1]
+            dz = position[j, 2] - position[i, 2]
+            w = strength[k] * (dx * dx + dy * dy + dz * dz)
+            total += w
+            vx += w * velocity[j, 0]
+            vy += w * velocity[j, 1]
+            vz += w * velocity[j, 2]
+            height += w * (dx * normal[i, 0] + dy * normal[i, 1] + dz * normal[i, 2])
         out[i, 0] = out[i, 1] = out[i, 2] = 0.0
         if total > 0.0:
             vx, vy, vz = vx / total, vy / total, vz / total
-            below = depth[i] / l0
-            ratio = min(below / max(height / total - below, 1e-3), 1.5)
+            ratio = ghost_ratio(depth[i], height / total - depth[i], l0)
             back = (1.0 + ratio) * (vx * normal[i, 0] + vy * normal[i, 1] + vz * normal[i, 2])
             out[i, 0] = vx - back * normal[i, 0]
             out[i, 1] = vy - back * normal[i, 1]
@@ -234,90 +251,6 @@ def velocity_gradient(position, velocity, first, last, other, strength, inverse,
         out[i, 6] = wxx * xx + wxy * xy + wxz * xz
         out[i, 7] = wxx * xy + wxy * yy + wxz * yz
         out[i, 8] = wxx * xz + wxy * yz + wxz * zz
-
-
-@compiled
-def add_viscosity(
-    position,
-    velocity,
-    kind,
-    normal,
-    depth,
-    viscosity,
-    first,
-    other,
-    l0,
-    reach,
-    n0,
-    lam,
-    dimension,
-    dt,
-    rows,
-    out,
-    fluid=None,
-):
-    """Add dt nu lap v, lap v = 2D/(n0 lambda) sum (v_j - v_i) W ([004] eq. 7), with no slip at the walls.
-
-    A wall particle has the velocity that makes the one of the fluid particle vanish linearly at the wall's
-    surface (Morris 1997).
-
-    Parameters
-    ----------
-    position, velocity : (n, 3) float64, m and m/s
-    kind : (n,) int8
-    normal, depth
-        Of the walls, as in `reflect_at_walls`.
-    viscosity : (liquids, liquids) float64
-        Kinematic, m2/s, as in `Liquids`.
-    first, other
-        Neighbour lists.
-    l0 : float
-        Spacing, m.
-    reach, n0, lam : float
-        Radius in spacings, and its lattice constants.
-    dimension : int
-    dt : float
-        s.
-    rows : int
-    out : (n, 3) float64, m/s
-        Velocity that is added to, for the rows.
-    fluid : None or (n,) int8
-        As in `poisson_rows`.
-    """
-    scale = dt * 2.0 * dimension / (n0 * lam * l0 * l0)
-    for i in range(rows):
-        ax = ay = az = 0.0
-        for k in range(first[i], first[i + 1]):
-            j = other[k]
-            if kind[j] == 2:
-                continue
-            dx = (position[j, 0] - position[i, 0]) / l0
-            dy = (position[j, 1] - position[i, 1]) / l0
-            dz = (position[j, 2] - position[i, 2]) / l0
-            r2 = dx * dx + dy * dy + dz * dz
-            if r2 >= reach * reach:
-                continue
-            w = scale * weight(math.sqrt(r2), reach)
-            if fluid is None:
-                w *= viscosity[0, 0]
-            elif kind[j] == 0:
-                w *= viscosity[fluid[i], fluid[j]]
-            else:
-                w *= viscosity[fluid[i], fluid[i]]
-            if kind[j] == 0:
-                ax += w * (velocity[j, 0] - velocity[i, 0])
-                ay += w * (velocity[j, 1] - velocity[i, 1])
-                az += w * (velocity[j, 2] - velocity[i, 2])
-            else:
-                below = depth[j] / l0
-                height = -(dx * normal[j, 0] + dy * normal[j, 1] + dz * normal[j, 2]) - below
-                w *= 1.0 + min(below / max(height, 1e-3), 1.5)
-                ax -= w * velocity[i, 0]
-                ay -= w * velocity[i, 1]
-                az -= w * velocity[i, 2]
-        out[i, 0] += ax
-        out[i, 1] += ay
-        out[i, 2] += az
 
 
 @compiled
