@@ -49,6 +49,7 @@ COUNTERS = (
     "largest_kinetic",
     "contacts",
     "put_back",
+    "surface_distance",
     "iterations",
     "iterations_max",
     "step_min",
@@ -65,7 +66,7 @@ class Work:
     ----------
     density, lean, matrix, inverse, full, source, rhs, smooth, surface_normal, change
         One row a row of the pressure equation; see the kernels.
-    asymmetry, surface, near, force, link_force, intermediate, gradient
+    asymmetry, wet, surface, near, force, link_force, intermediate, gradient
         One row a particle, the halo included.
     """
 
@@ -78,6 +79,7 @@ class Work:
             setattr(self, name, np.zeros((rows, 3)))
         for name, width in (("asymmetry", 3), ("force", 3), ("link_force", 3), ("intermediate", 3), ("gradient", 9)):
             setattr(self, name, np.zeros((count, width)))
+        self.wet = np.ones(count)
         self.surface = np.zeros(count, np.int8)
         self.near = np.zeros(count, np.int8)
         self.nearest = np.empty(rows if liquids.several else 0, np.int32)
@@ -131,6 +133,7 @@ class Simulation:
         self.laplacian_lattice = lattice(job.dimension, scheme.laplacian_radius)
         self.wide_lattice = lattice(job.dimension, scheme.volume_radius)
         self.surface_lean = self.lattice.lean
+        self.surface_distance = 0.5 * self.l0
         self.plan = make_plan(job, domain.size)
         self.seconds = {stage.name: 0.0 for stage in (*self.plan.solve, *self.plan.move)}
         self.solver = PressureSolver(domain.comm, scheme.ksp_rtol)
