@@ -49,7 +49,8 @@ class Floating:
                 [
                     np.bincount(self._label, rhs[self._rows], self.count),
                     np.bincount(self._label, minlength=self.count),
-                ]
+                ],
+                dtype=float,  # on all ranks: np.bincount makes whole numbers of no rows
             )
         )
         rhs[self._rows] -= (sums[0] / sums[1])[self._label]
