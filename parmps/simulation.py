@@ -294,9 +294,9 @@ class Simulation:
         return self.work.inverse
 
     def check_floating(self):
-        """Whether to look for liquid without a free surface: after each new distribution."""
+        """Whether to look for liquid without a free surface: after a new distribution, and when some got or lost one."""
         check, self._check_floating = self._check_floating, False
-        return check
+        return check or self.floating.outdated(self.domain, self.work.surface[: self.particles.rows])
 
     def evaluate_body_force(self):
         """Body force of the tank's motion on the liquid, at the step's start."""

@@ -269,6 +269,24 @@ def test_water_at_rest_beside_sloped_and_curved_walls(start, tank):
     assert sim.put_back == 0
 
 
+def test_a_nearly_full_ball_closes_and_opens(start):
+    """Where the last surface particle goes, the pressure is known up to a constant: from that step on."""
+    sim = start(
+        parse_job(
+            "dimension: 3\nspacing: 0.03\ntank: {shape: sphere, size: [0.5, 0.5, 0.5]}\ntime: {end: 1, cfl: 0.4}\n"
+            "fluids: [{name: water, fill: 0.99}]\n"
+            "motion: [{kind: pitch, amplitude_deg: 25, omega: 7.0, centre: [0.25, 0.25, 0.25]}]"
+        )
+    )
+    closed = []
+    while sim.time < 0.14:
+        sim.step(0.14)
+        closed.append(sim.floating.count)
+    assert (closed[0], max(closed)) == (0, 1)
+    assert abs(sim.energy_drift()) < 0.02
+    assert abs(sim.volume_drift()) < 0.02
+
+
 def test_free_wave_between_walls_of_45_degrees(start):
     """The potential x z is the exact first mode: its surface stays plane, and omega^2 = g / h (Kirchhoff)."""
     depth, amplitude = 0.4, 0.008
