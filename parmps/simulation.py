@@ -294,7 +294,7 @@ class Simulation:
         return self.work.inverse
 
     def check_floating(self):
-        """Whether to look for liquid without a free surface: after a new distribution, and when some got or lost one."""
+        """Whether to look for parts without a free surface: after a new distribution, and when one got or lost one."""
         check, self._check_floating = self._check_floating, False
         return check or self.floating.outdated(self.domain, self.work.surface[: self.particles.rows])
 
