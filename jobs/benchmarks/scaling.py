@@ -5,15 +5,16 @@ neighbours, and predicts the time of a step from them:
 
 - work: the measured core-time a particle, times the largest share of the cost, plus `HALO_WORK` for each particle of
   the halo, which is sorted and searched but gets no row;
-- halo: the exchanges of a step, their messages and bytes as counted in a run on two ranks;
-- solver: each iteration of CG has `DOTS` reductions, a product, and, on each level of multigrid, `SWEEPS` exchanges
-  with those neighbours that the matrix couples; the coarsest level is gathered and spread over all ranks;
-- sums: the other reductions, and finding the halo anew, for which each rank learns all ranks' boxes;
+- halo: the exchanges of a step, as counted in a run on two ranks; now and then it is found anew, for which each rank
+  learns all ranks' boxes;
+- multigrid: each iteration of CG has a product and, on each level, `SWEEPS` exchanges with those neighbours that the
+  matrix couples; the coarsest level is gathered and spread over all ranks;
+- sums: `DOTS` reductions an iteration, and those of the step itself;
 - bisection: the reductions of a new distribution over the steps between two.
 
-A message takes the latency plus its bytes over the bandwidth; a reduction over P ranks takes log2(P) messages.
-Computing and communication do not overlap. What a model cannot know is left out: other jobs on the network, uneven
-cores, output.
+An exchange takes the latency, an overhead for each neighbour, and its bytes over the bandwidth; a reduction over P
+ranks takes log2(P) exchanges with one neighbour. Computing and communication do not overlap. What a model cannot know
+is left out: other jobs on the network, uneven cores, output.
 """
 
 import argparse
@@ -216,9 +217,10 @@ def traffic():
 
 
 def measured(row):
-    """First figure of a row of results.md, which `make bench` writes."""
-    text = (HERE / "results.md").read_text()
-    return float(re.search(rf"^\| {re.escape(row)} \| ([\d.]+)", text, re.MULTILINE)[1])
+    """Figure on one rank in a row of the last table of results_3d.md or, where there is none, results.md."""
+    tables = HERE / "results_3d.md"
+    text = (tables if tables.exists() else HERE / "results.md").read_text()
+    return float(re.findall(rf"^\| {re.escape(row)} \| ([\d.]+)", text, re.MULTILINE)[-1])
 
 
 def predict(counts, ranks, options, flows):
@@ -231,7 +233,7 @@ def predict(counts, ranks, options, flows):
     ranks : int
         Those that reductions run over.
     options : argparse.Namespace
-        ``cost``, s; ``iterations``; ``latency``, s; ``bandwidth``, bytes/s.
+        ``cost``, s; ``iterations``; ``latency`` and ``overhead``, s; ``bandwidth``, bytes/s.
     flows : dict
         As returned by `traffic`.
 
@@ -240,28 +242,29 @@ def predict(counts, ranks, options, flows):
     dict of str to float
         Seconds, by what takes them.
     """
-    latency, byte = options.latency, 1.0 / options.bandwidth
-    total, neighbours, halo = counts.owned.mean() * ranks, counts.neighbours.max(), counts.halo.max()
-    spread = math.log2(ranks)
-    reduction = spread * latency
+    total, halo = counts.owned.mean() * ranks, counts.halo.max()
     levels = max(math.ceil(math.log(total / COARSEST) / math.log(COARSENING)), 1)
+    spread = math.log2(ranks)
+
+    def exchange(neighbours, size):
+        return options.latency + neighbours * options.overhead + size / options.bandwidth
+
+    def reduction(size=8.0):
+        return spread * exchange(1, 0.0) + size / options.bandwidth
+
     # what a level exchanges shrinks with its surface
-    exchanges = [
-        counts.coupled.max() * latency + 8.0 * counts.columns.max() * COARSENING ** (-2.0 * level / 3.0) * byte
+    smoothing = [
+        exchange(counts.coupled.max(), 8.0 * counts.columns.max() * COARSENING ** (-2.0 * level / 3.0))
         for level in range(levels)
     ]
-    coarsest = 2.0 * (reduction + 8.0 * COARSEST * byte)
-    iteration = DOTS * reduction + exchanges[0] + SWEEPS * sum(exchanges) + coarsest
-    boxes = reduction + 48.0 * ranks * byte
-    rounds = math.ceil(spread) * (BISECTIONS + 3)
+    neighbours = counts.neighbours.max()
     return {
         "work": options.cost * (counts.owned.mean() * counts.cost.max() / counts.cost.mean() + HALO_WORK * halo),
-        "halo": flows["exchanges"] * neighbours * latency
-        + flows["bytes"] * halo * byte
-        + flows["halos"] * (2.0 * neighbours * latency + HALO_BYTES * halo * byte),
-        "solver": options.iterations * iteration,
-        "sums": flows["reductions"] * reduction + flows["halos"] * boxes,
-        "bisection": rounds * (reduction + 4.0 * ranks * byte) / SORT_EVERY,
+        "halo": flows["exchanges"] * exchange(neighbours, flows["bytes"] * halo / flows["exchanges"])
+        + flows["halos"] * (2.0 * exchange(neighbours, 0.5 * HALO_BYTES * halo) + reduction(48.0 * ranks)),
+        "multigrid": options.iterations * (smoothing[0] + SWEEPS * sum(smoothing) + 2.0 * reduction(8.0 * COARSEST)),
+        "sums": (options.iterations * DOTS + flows["reductions"]) * reduction(),
+        "bisection": math.ceil(spread) * (BISECTIONS + 3) * reduction(4.0 * ranks) / SORT_EVERY,
     }
 
 
@@ -319,9 +322,10 @@ def main():
     parser.add_argument("--set", action="append", metavar="KEY=VALUE", help="spacing=0.006 by default")
     parser.add_argument("--checkpoint", help="of that job, instead of its start")
     parser.add_argument("--parts", type=int, nargs="+", default=[8, 64, 512, 4096])
-    parser.add_argument("--cost", type=float, metavar="US", help="core-microseconds a particle and step; of results.md")
-    parser.add_argument("--iterations", type=float, help="of the solver a step; of results.md")
-    parser.add_argument("--latency", type=float, default=2.0, metavar="US", help="of a message")
+    parser.add_argument("--cost", type=float, metavar="US", help="core-microseconds a particle and step; as measured")
+    parser.add_argument("--iterations", type=float, help="of the solver a step; as measured")
+    parser.add_argument("--latency", type=float, default=2.0, metavar="US", help="of an exchange")
+    parser.add_argument("--overhead", type=float, default=0.5, metavar="US", help="of each neighbour in it")
     parser.add_argument("--bandwidth", type=float, default=1.0, metavar="GB/S", help="of a rank")
     parser.add_argument("--traffic", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -330,7 +334,8 @@ def main():
         return
     cost = options.cost or measured("core-microseconds per particle and step")
     options.iterations = options.iterations or measured("solver iterations a step")
-    options.cost, options.latency, options.bandwidth = 1e-6 * cost, 1e-6 * options.latency, 1e9 * options.bandwidth
+    options.cost, options.latency, options.overhead = 1e-6 * cost, 1e-6 * options.latency, 1e-6 * options.overhead
+    options.bandwidth *= 1e9
     job, domain = load_job(options.job, options.set or ["spacing=0.006"]), Domain(MPI.COMM_SELF)
     state = load_state(job, options.checkpoint, domain)
     states = {
@@ -342,7 +347,7 @@ def main():
     lines = [
         f"{job.title}: {len(state.position)} particles {when}, on ever more ranks; means, and in brackets the most.",
         "",
-        *table([*head, "work", "halo", "solver", "sums", "bisection"], strong_rows(states, options, flows)),
+        *table([*head, "work", "halo", "multigrid", "sums", "bisection"], strong_rows(states, options, flows)),
         "",
         bottleneck(states, options, flows),
         "",
@@ -352,8 +357,8 @@ def main():
         "",
         f"{cost:g} core-microseconds a particle and step, {options.iterations:g} iterations, "
         f"{flows['exchanges']:g} exchanges of {flows['bytes']:.0f} bytes a halo particle, {flows['reductions']:g} "
-        f"reductions and {flows['halos']:.2g} new halos a step; latency {1e6 * options.latency:g} us, "
-        f"{1e-9 * options.bandwidth:g} GB/s a rank. Made at {provenance()}.",
+        f"reductions and {flows['halos']:.2g} new halos a step; latency {1e6 * options.latency:g} us and "
+        f"{1e6 * options.overhead:g} us a neighbour, {1e-9 * options.bandwidth:g} GB/s a rank. Made at {provenance()}.",
     ]
     text = "\n".join(lines) + "\n"
     (HERE / "scaling.md").write_text(text)
