@@ -22,6 +22,8 @@ from parmps.tank import initial_velocity, place
 
 HALO_MARGIN = 1.6
 """Width of the halo beyond the largest radius, in spacings: how far particles may move before it is renewed."""
+COSTS = (1.0, 0.5, 0.05, 0.05)
+"""Cost of a particle of each kind, which the ranks share evenly."""
 BALANCE_EVERY = 50
 """Steps between two looks at the balance of the ranks."""
 IMBALANCE = 1.05
@@ -174,8 +176,7 @@ class Simulation:
     def distribute(self):
         """Give every rank its particles, rows and halo; forget all that depends on the past."""
         p = self.particles
-        weight = np.choose(p.kind[: p.owned], [1.0, 0.5, 0.05, 0.05])
-        self.particles = self.domain.distribute(p, weight, 2.0 * self.l0)
+        self.particles = self.domain.distribute(p, np.choose(p.kind[: p.owned], COSTS), 2.0 * self.l0)
         p = self.particles
         self._first_row = self.domain.first_of(p.rows)
         self.solver.new_layout(p.rows)
@@ -296,9 +297,9 @@ class Simulation:
         return self.work.inverse
 
     def check_floating(self):
-        """Whether to look for liquid without a free surface: after each new distribution."""
+        """Whether to look for parts without a free surface: after a new distribution, and when one got or lost one."""
         check, self._check_floating = self._check_floating, False
-        return check
+        return check or self.floating.outdated(self.domain, self.work.surface[: self.particles.rows])
 
     def evaluate_body_force(self):
         """Body force of the tank's motion on the liquid, at the step's start."""

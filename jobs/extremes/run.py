@@ -59,6 +59,27 @@ motion: [{kind: pitch, amplitude_deg: 20, omega: 6.0}]
 time: {end: 0.4, cfl: 0.4}
 """
 
+SHAPES = {
+    "sphere": "shape: sphere, size: [0.5, 0.5, 0.5]",
+    "cylinder": "shape: cylinder, size: [0.6, 0.45, 0.45]",
+    "prism with a ring": "shape: prism, size: [0.6, 0.45, 0.4], chamfer: {bottom: [0.1, 0.1], top: [0.1, 0.1]}, "
+    "baffles: [{x: 0.3, ring: 0.09, thickness: 0.03}]",
+    "box with a ring": "size: [0.6, 0.4, 0.4], baffles: [{x: 0.3, ring: 0.09, thickness: 0.03}]",
+    "perforated baffle": "size: [0.6, 0.3, 0.35], baffles: [{x: 0.3, bottom: 0, top: 0.3, thickness: 0.03, "
+    "openings: [[[0.06, 0.06], [0.13, 0.13]], [[0.17, 0.06], [0.24, 0.13]], [[0.06, 0.17], [0.24, 0.24]]]}]",
+    "thin baffle of partial width": "size: [0.6, 0.4, 0.35], "
+    "baffles: [{x: 0.3, bottom: 0, top: 0.2, thickness: 0.01, width: [0.1, 0.3]}]",
+}
+SHAKEN = """
+dimension: 3
+spacing: 0.03
+tank: {%s}
+fluids: [{name: water, fill: 0.5}]
+motion: [{kind: pitch, amplitude_deg: 15, omega: 6.0}, {kind: sway, amplitude: 0.03, omega: 6.0}]
+time: {end: 1.0, cfl: 0.4}
+"""
+"""Tanks of other shapes, and with other baffles than a plate."""
+
 
 class Case(NamedTuple):
     """One run: a job, what is changed in it, and the number of ranks."""
@@ -194,6 +215,9 @@ def cases():
             "motion=[]", "fluids=[{name: water, region: {box: [[0.1, 0.06, 0.06], [0.2, 0.14, 0.14]]}}]",
             "initial={kind: velocity, fluid: water, value: [-10, -10, -10]}", "time.end=0.05",
         ), both),
+        *[Case(f"3D {name}", SHAKEN % tank, (), both) for name, tank in SHAPES.items()],
+        *[Case(f"3D sphere, fill {fill:.0%}", SHAKEN % SHAPES["sphere"], (f"fluids[0].fill={fill}",), both)
+          for fill in (0.01, 0.99)],
     ]  # fmt: skip
 
 
