@@ -4,7 +4,6 @@ The only module that knows PETSc. All its options can be given on the command li
 the pressure and ``-viscosity_`` for the velocity.
 """
 
-import copy
 import ctypes
 import sys
 
@@ -194,11 +193,10 @@ class PressureSolver(_Solver):
         DivergedError
             On all ranks, with PETSc's reason.
         """
-        self._free_matrix()
+        old = self._matrix
+        self._matrix = _wrap(self._comm, self._rows, blocks)
         if self._fresh is None or self._excess >= EXCESS_ITERATIONS:
             self._renew(blocks)
-        else:
-            self._matrix = _wrap(self._comm, self._rows, blocks)
         # The preconditioned residual is nearly the error: it falls to a share of the last pressure, or, where
         # that says nothing, of what it was at first. PETSc's own measure costs one more cycle of multigrid.
         self._x.array[:] = guess
@@ -208,6 +206,8 @@ class PressureSolver(_Solver):
             # The hierarchy may have aged too fast to notice: try once more with a new one.
             self._renew(blocks)
             converged = self._run(self._matrix, self._model, rhs, guess)
+        if old is not None:
+            old.destroy()
         if not converged:
             self._fail("pressure")
         if self._fresh is None:
@@ -216,23 +216,17 @@ class PressureSolver(_Solver):
         return self._x.array.copy()
 
     def _renew(self, blocks):
-        """Set the hierarchy up from the present matrix, whose arrays live as long as the hierarchy."""
-        self._free_matrix()
-        self._ksp.getPC().reset()  # first, so that two hierarchies never take memory at once
-        if self._model is not None:
-            self._model.destroy()
-        self._matrix = self._model = _wrap(self._comm, self._rows, blocks.take())
+        """Set the hierarchy up from a copy of the present matrix, which lives as long as the hierarchy."""
+        old, self._model_blocks = self._model, blocks.sorted()
+        self._model = _wrap(self._comm, self._rows, self._model_blocks)
         for _ in range(self.rebuilds + 1):
-            self._model.stateIncrease()  # else PETSc takes the matrix, as young as the last one, for the last one
+            self._model.stateIncrease()  # else PETSc takes the copy, as young as the last one, for the last one
         self._ksp.setOperators(self._model, self._model)
         self._ksp.setUp()
+        if old is not None:
+            old.destroy()
         self._fresh, self._excess = None, 0
         self.rebuilds += 1
-
-    def _free_matrix(self):
-        if self._matrix is not None and self._matrix is not self._model:
-            self._matrix.destroy()
-        self._matrix = None
 
     def multiply_seconds(self, repeats):
         """Measure a product with the last matrix, which costs of the solver are compared with.
@@ -254,10 +248,10 @@ class PressureSolver(_Solver):
     def close(self):
         """As of every solver; with its matrices."""
         super().close()
-        self._free_matrix()
-        if self._model is not None:
-            self._model.destroy()
-            self._model = None
+        for matrix in (self._matrix, self._model):
+            if matrix is not None:
+                matrix.destroy()
+        self._matrix = self._model = None
 
 
 _REASONS = {
@@ -282,8 +276,8 @@ class Blocks:
 
     Parameters
     ----------
-    rows, entries : int
-        Number of rows, and of entries at most.
+    rows, entries, beyond : int
+        Number of rows, and of entries of each block at most.
 
     Attributes
     ----------
@@ -293,28 +287,31 @@ class Blocks:
         The other block, with global columns.
     at_diagonal : (rows,) int
         Where the diagonal is in ``values``.
+    renumbered : array of int
+        The columns of the halo, as the matrix made of the blocks counts them.
     """
 
-    def __init__(self, rows, entries):
+    def __init__(self, rows, entries, beyond):
         index = PETSc.IntType
         self.first, self.columns, self.values = np.zeros(rows + 1, index), np.empty(entries, index), np.empty(entries)
         self.halo_first = np.zeros(rows + 1, index)
-        self.halo_columns, self.halo_values = np.empty(entries, index), np.empty(entries)
+        self.halo_columns, self.halo_values = np.empty(beyond, index), np.empty(beyond)
         self.at_diagonal = np.zeros(rows, index)
+        self.renumbered = None
 
-    def take(self):
-        """Take the matrix out, with the columns of each row ascending, as the set-up of multigrid needs them.
+    def sorted(self):
+        """Copy the matrix, with the columns of each row ascending, as the set-up of multigrid needs them.
 
         Returns
         -------
         Blocks
-            With the arrays; this one gets new ones.
         """
-        taken = copy.copy(self)  # the arrays themselves
-        self.__init__(len(self.at_diagonal), len(self.columns))
-        sort_rows(taken.first, taken.columns, taken.values)
-        sort_rows(taken.halo_first, taken.halo_columns, taken.halo_values)
-        return taken
+        copy = Blocks(len(self.at_diagonal), self.first[-1], self.halo_first[-1])
+        for array, original in zip(copy.arrays, self.arrays, strict=True):
+            array[:] = original[: len(array)]
+        sort_rows(copy.first, copy.columns, copy.values)
+        sort_rows(copy.halo_first, copy.halo_columns, copy.halo_values)
+        return copy
 
     @property
     def arrays(self):
@@ -330,17 +327,17 @@ def _wrap(comm, rows, blocks):
     matrix = PETSc.Mat().create(comm)
     raw = ctypes.c_void_p()
     size = ctypes.c_int if blocks.first.itemsize == 4 else ctypes.c_int64
-    first, columns, values, halo_first, halo_columns, halo_values = blocks.arrays
     # PETSc numbers the columns of the halo anew, in place
-    arrays = (first, columns, values, halo_first, halo_columns[: halo_first[-1] + 1].copy(), halo_values)
+    blocks.renumbered = blocks.halo_columns[: blocks.halo_first[-1] + 1].copy()
+    first, columns, values, halo_first, _, halo_values = blocks.arrays
+    arrays = (first, columns, values, halo_first, blocks.renumbered, halo_values)
+    arrays = [a.ctypes.data_as(ctypes.c_void_p) for a in arrays]
     sizes = [size(rows), size(rows), size(PETSc.DETERMINE), size(PETSc.DETERMINE)]
-    pointers = [a.ctypes.data_as(ctypes.c_void_p) for a in arrays]
-    status = _LIBRARY.MatCreateMPIAIJWithSplitArrays(_handle(comm), *sizes, *pointers, ctypes.byref(raw))
+    status = _LIBRARY.MatCreateMPIAIJWithSplitArrays(_handle(comm), *sizes, *arrays, ctypes.byref(raw))
     status = status or _LIBRARY.MatHeaderReplace(ctypes.c_void_p(matrix.handle), ctypes.byref(raw))
     if status:
         raise PETSc.Error(status)
     matrix.setOption(PETSc.Mat.Option.SPD, True)
-    matrix.setAttr("arrays", arrays)  # they live as long as the matrix
     return matrix
 
 
