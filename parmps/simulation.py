@@ -281,7 +281,8 @@ class Simulation:
         """
         entries = self.pairs.count + self.particles.rows
         if self._blocks is None or len(self._blocks.columns) < entries:
-            self._blocks = Blocks(self.particles.rows, entries + entries // 8)
+            room = entries + entries // 8
+            self._blocks = Blocks(self.particles.rows, room, room)
         return self._blocks
 
     def lattice_matrix(self):

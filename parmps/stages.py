@@ -323,10 +323,9 @@ def smooth_density(sim):
         Where the support is whole: away from the surface.
     """
     p, s, w = sim.particles, sim.scheme, sim.work
-    sim.wide_pairs.find(p)
-    density.smooth_density(
-        sim.wide_pairs.lists[0], sim.wide_pairs.square, sim.l0, s.volume_radius, p.liquid, w.smooth
-    )
+    wide = sim.wide_pairs
+    for begin, end in wide.parts(p):
+        density.smooth_density(wide.lists[0], wide.square, sim.l0, s.volume_radius, end - begin, w.smooth[begin:end])
     near = w.near
     near[:] = w.surface
     for _ in range(math.ceil(s.volume_radius / s.radius)):

@@ -5,9 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from parmps.kernels import density, gradient, poisson, shifting, velocity, viscosity
+from parmps.kernels.graph import join, number_parts
 from parmps.kernels.walls import Walls
 from parmps.kernels.weight import lattice, smooth_weight, weight
 from parmps.loader import parse_job
@@ -791,3 +793,19 @@ def test_particles_are_put_back_from_walls_and_lose_the_speed_towards_them():
         position[:, [0, 2]], [[0.01, 0.3], [0.5, 0.49], [0.99, 0.01], [0.5, 0.25]], atol=1e-12
     )
     np.testing.assert_allclose(speed[:, [0, 2]], [[0, 2], [1, -3], [0, 0], [5, 5]], atol=1e-12)
+
+
+# Graphs
+
+
+@pytest.mark.parametrize("edges", [0, 60, 150, 1000])
+def test_connected_parts_are_those_of_scipy(edges):
+    rng = np.random.default_rng(edges)
+    begins, columns = np.sort(rng.integers(0, 150, edges)), rng.integers(0, 200, edges).astype(np.int32)
+    first = np.searchsorted(begins, np.arange(151)).astype(np.int32)  # the last vertices have edges to them alone
+    part = np.arange(200)
+    join(first, columns, part)
+    count = number_parts(part)
+    expected, label = connected_components(csr_matrix((np.ones(edges), (begins, columns)), shape=(200, 200)), False)
+    assert count == expected
+    assert len(set(zip(part.tolist(), label.tolist(), strict=True))) == expected
