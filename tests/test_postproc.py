@@ -104,6 +104,10 @@ def test_histories_show_the_run_and_the_reference(tmp_path):
     run, other = read_signals(tmp_path / "probes.csv"), read_signals(tmp_path / "other" / "probes.csv")
     figure = draw_histories({"a": run}, other)
     assert len(figure.axes) == 5  # pressure, height, force x, force z, moment
+    baffles = [(name.replace("load", "load.baffle1"), unit, values) for name, unit, values in run[1][4:]]
+    panels = draw_histories({"a": (run[0], run[1] + baffles)}).axes
+    assert [len(panel.lines) for panel in panels] == [2, 2, 1, 1, 1, 1, 1, 1]
+    assert panels[3].get_ylabel() == "Force per width x\non baffles\n[N/m]"
     panel = figure.axes[0]
     assert panel.get_ylabel() == "Pressure\n[kPa]"
     lines = {line.get_label(): line for line in panel.lines}
@@ -188,6 +192,22 @@ def test_a_report_holds_all_pictures_itself(results):
     assert page.count("data:image/png;base64,") == 5  # probes, spectra, phases, pressure, speed
     assert "<h1>Tilted</h1>" in page and "eta_left" in page and "src=\"http" not in page
     assert "has not ended yet" in page
+
+
+def test_a_report_may_be_a_pdf_with_a_page_a_section(results):
+    assert plot("report", results, "--format", "pdf") == 0
+    data = (results / "report.pdf").read_bytes()
+    assert data.startswith(b"%PDF-") and data.rstrip().endswith(b"%%EOF")
+    assert data.count(b"/Type /Page ") == 9  # run, probes, peaks, spectra, phases, two snapshots, job on two
+
+
+def test_titles_stand_as_they_are(results):
+    """Dollar signs begin no formula."""
+    view = make_view(results, "pressure")
+    view.job = view.job.model_copy(update={"title": r"costs $5 or $\bad"})
+    figure = draw_snapshots(results, view, [0.0])
+    figure.savefig(results / "title.png")
+    assert figure.get_suptitle() == view.job.title
 
 
 @pytest.mark.parametrize("content", [None, "time [s],P1 [Pa]\n", "time [s],P1 [Pa]\n0,text\n"])

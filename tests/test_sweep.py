@@ -15,7 +15,7 @@ from test_cli import ENVIRONMENT, JOB
 from parmps import campaign, cli
 from parmps.errors import InputError
 from parmps.figures.charts import draw_measure
-from parmps.figures.page import write_sweep_page
+from parmps.figures.page import sweep_sections, write_html
 from parmps.schema import json_schema, schema_table, unit_of_key
 from parmps.signals import measure, read_signals
 from parmps.sweep import Sweep, load_sweep
@@ -130,7 +130,8 @@ def test_missing_cases_run_failures_are_recorded_and_the_rest_goes_on(write, tmp
     assert float(done["greatest pressure [Pa]"]) == pytest.approx(measure("max", seconds, pressure), rel=1e-7)
     assert float(done["force [N/m]"]) == pytest.approx(measure("rms", seconds, force, 0.005), rel=1e-7)
     assert (out / "greatest pressure.png").stat().st_size > 5000
-    page = write_sweep_page(load_sweep(path)[0]).read_text()
+    title, sections, place = sweep_sections(load_sweep(path)[0])
+    page = write_html(place / "report.html", title, sections).read_text()
     assert page.count("data:image/png;base64,") == 2 and "<td>002</td>" in page
 
     (out / "001" / "checkpoint.h5.tmp").rmdir()

@@ -59,9 +59,10 @@ def add_commands(parser):
     command.add_argument("--format", choices=("gif", "mp4"), default="gif", help="mp4 needs ffmpeg")
     about = "a figure a measure of a sweep, beside its results.csv"
     add("sweep", _sweep, about, "jobs/sweeps/baffle_height.yaml", "SWEEP.yaml")
-    about = "one HTML page of a run or a sweep, report.html in its directory"
+    about = "one HTML page of a run or a sweep, report.html in its directory, or a PDF"
     command = add("report", _report, about, source="DIR|SWEEP.yaml")
     command.add_argument("--reference", metavar="FILE.csv", help="of a run: signals to draw beside its own")
+    command.add_argument("--format", choices=("html", "pdf"), default="html", help="pdf: a page a section")
 
 
 def _add_signals(command):
@@ -155,16 +156,19 @@ def _peaks(arguments):
 
 
 def _sweep(arguments):
-    from parmps.figures.charts import draw_sweep
+    from parmps.figures.charts import save_sweep
     from parmps.sweep import load_sweep
 
-    return _say(*draw_sweep(load_sweep(arguments.source)[0]))
+    return _say(*save_sweep(load_sweep(arguments.source)[0]))
 
 
 def _report(arguments):
-    from parmps.figures.page import write_run_page, write_sweep_page
+    from parmps.figures.page import run_sections, sweep_sections, write_html, write_pdf
     from parmps.sweep import load_sweep
 
     if arguments.source.endswith((".yaml", ".yml")):
-        return _say(write_sweep_page(load_sweep(arguments.source)[0]))
-    return _say(write_run_page(arguments.source, arguments.reference))
+        title, sections, directory = sweep_sections(load_sweep(arguments.source)[0])
+    else:
+        title, sections, directory = run_sections(arguments.source, arguments.reference)
+    write = {"html": write_html, "pdf": write_pdf}[arguments.format]
+    return _say(write(directory / f"report.{arguments.format}", title, sections))

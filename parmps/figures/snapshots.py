@@ -4,7 +4,7 @@ import numpy as np
 
 from parmps.errors import InputError
 from parmps.figures.results import read_frame, read_job, read_times
-from parmps.figures.style import FLUID_COLOURS, SOLID, WIDTH, new_figure
+from parmps.figures.style import FLUID_COLOURS, SOLID, WIDTH, new_figure, set_title
 from parmps.motion import Motion
 from parmps.particles import FLUID, WALL
 from parmps.slabs import output_errors
@@ -284,8 +284,7 @@ def _figure(view, limits, rows, columns, show=False):
         panel.set_xlabel("x [m]")
     for panel in panels[:, 0]:
         panel.set_ylabel("z [m]")
-    if view.job.title:
-        figure.suptitle(view.job.title, x=0.01, ha="left", fontsize="large")
+    set_title(figure, view.job.title)
     return figure, panels
 
 
