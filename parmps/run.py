@@ -329,7 +329,8 @@ class Run:
             line(f"volume drift {record['volume_drift']:+.2%}")
         else:
             line(f"{status}; to continue: --restart {command_line(self.directory)}")
-        plot = Path(parmps.__file__).parents[1] / "postproc" / "plot_probes.py"
+        script = "plot_probes.py" if self.probes else "plot_particles.py"
+        plot = Path(parmps.__file__).parents[1] / "postproc" / script
         line(f"Results are in {self.directory}; plot them: {command_line(sys.executable, plot, self.directory)}")
 
     def close(self):

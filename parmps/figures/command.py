@@ -44,6 +44,10 @@ def add_commands(parser):
     command = add("particles", _particles, about, "out/sloshing --time 1 2 3 --field speed")
     command.add_argument("--time", metavar="T", type=float, nargs="+", default=[None], help="s; the last if not given")
     _add_view(command)
+    about = "all particles of a 3D run in its tank, into DIR/space_FIELD.png; needs PyVista"
+    command = add("space", _space, about, "out/baffled_tank_3d --time 1.5 --field speed")
+    command.add_argument("--time", metavar="T", type=float, help="s; the last if not given")
+    _add_colours(command)
     about = "amplitude spectra of the signals, into DIR/spectra.png"
     command = add("spectra", _spectra, about, "out/sloshing --begin 2")
     _add_signals(command)
@@ -71,15 +75,21 @@ def _add_signals(command):
     command.add_argument("--end", metavar="T", type=float, help="s")
 
 
-def _add_view(command):
+def _add_colours(command):
     command.add_argument("--field", choices=("pressure", "speed", "fluid", "surface"), default="pressure")
     command.add_argument("--frame", choices=("earth", "tank"), default="earth", help="tank: moving with it")
+
+
+def _add_view(command):
+    _add_colours(command)
     command.add_argument("--across", metavar="Y", type=float, help="m; 3D: place of the slice, the middle by default")
 
 
 def _table(directory, arguments):
     """Signals of a run, those asked for in the window asked for."""
     time, signals = read_signals(Path(directory) / "probes.csv")
+    if not signals:
+        raise InputError("", f"{Path(directory) / 'probes.csv'} has no signals: the job has no probes")
     if arguments.signals:
         signals = [find_signal(signals, name) for name in arguments.signals]
     begin = time[0] if arguments.begin is None else arguments.begin
@@ -115,6 +125,15 @@ def _particles(arguments):
     view = make_view(arguments.source, arguments.field, arguments.frame == "earth", arguments.across)
     figure = draw_snapshots(arguments.source, view, arguments.time)
     return _say(save(figure, Path(arguments.source) / f"particles_{arguments.field}.png"))
+
+
+def _space(arguments):
+    from parmps.figures.snapshots import make_view
+    from parmps.figures.space import draw_space
+
+    view = make_view(arguments.source, arguments.field, arguments.frame == "earth")
+    path = Path(arguments.source) / f"space_{arguments.field}.png"
+    return _say(draw_space(arguments.source, view, arguments.time, path))
 
 
 def _animation(arguments):

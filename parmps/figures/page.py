@@ -213,7 +213,8 @@ def write_pdf(path, title, sections):
 
     with output_errors(path), PdfPages(path, metadata={"Title": title}) as pages:
         for heading, content in sections:
-            for figure in _text_pages(f"{title}: {heading}", content) if isinstance(content, (str, list)) else [content]:
+            written = isinstance(content, (str, list))
+            for figure in _text_pages(f"{title}: {heading}", content) if written else [content]:
                 pages.savefig(figure)
                 pyplot.close(figure)
     return path
