@@ -40,6 +40,8 @@ VISCOUS_STEP = 0.2
 """Bound of the step by explicit viscosity: dt <= 0.2 l0^2 / nu."""
 IMPLICIT_GAIN = 1.5
 """How much longer the step must get for the implicit viscous step, which costs about half of another step, to pay."""
+PROJECTIONS = 10
+"""How often the initial velocity is projected: each time leaves half of what the row next to a wall has towards it."""
 
 
 COUNTERS = (
@@ -220,7 +222,7 @@ class Simulation:
         """Make the initial velocity one that incompressible liquid in this tank can have; once, at the start.
 
         A velocity towards a wall, as of a tank that starts with a jolt, is stopped by an impulse of pressure
-        in no time: the velocity is projected once, without a body force and without moving anything.
+        in no time: the velocity is projected, without a body force and without moving anything.
 
         Raises
         ------
@@ -231,20 +233,21 @@ class Simulation:
             return
         self.started = True
         p = self.particles
-        velocity = p.velocity[: p.liquid].copy()
-        if self.domain.max(float(np.abs(velocity).max(initial=0.0))) == 0.0:
+        if self.domain.max(float(np.abs(p.velocity[: p.liquid]).max(initial=0.0))) == 0.0:
             return
         self.choose_step(self.job.time.max_step or self.job.output.probes_every)
         self.suction = math.inf  # an impulse has no bound
         self.frame = self.frame._replace(
             force=np.zeros(3), alpha=np.zeros(3), omega=np.zeros(3)
         )
-        for stage in self.plan.project:
-            stage.run(self)
-        pressure_gradient(self)
-        p.velocity[: p.liquid] = velocity - self.dt * p.acceleration[: p.liquid]
+        for _ in range(PROJECTIONS):
+            velocity = p.velocity[: p.liquid].copy()
+            for stage in self.plan.project:
+                stage.run(self)
+            pressure_gradient(self)
+            p.velocity[: p.liquid] = velocity - self.dt * p.acceleration[: p.liquid]
+            p.pressure[:] = 0.0
         p.acceleration[:] = 0.0
-        p.pressure[:] = 0.0
         self.frame = self.motion.at(0.0)
         self.contacts = 0
         self.initial_energy = self.kinetic_energy()

@@ -36,6 +36,11 @@ RESIDUAL_DAMPING = 2.0
 """Damping of a velocity difference that no linear field explains, per (difference) dt / l0."""
 
 
+MOST_OVERDENSITY = 0.2
+"""Density above the allowed one, over n0, beyond which particles are pushed apart no harder: a pile that goes apart
+at once, as of a random start, gets more energy from it than its weight has."""
+
+
 class Stage(NamedTuple):
     """One stage of a step.
 
@@ -398,13 +403,16 @@ def add_viscosity(sim):
 def add_contacts(sim):
     """Stop particles that are about to overlap."""
     p, s = sim.particles, sim.scheme
+    reach = min(s.collision_distance + 2.0 * sim.courant, s.radius)  # two particles that run into each other
     sim.contacts += velocity.add_contacts(
         p.position,
         p.velocity,
         p.kind,
         *sim.pairs.wet,
         sim.strength,
-        weight(s.collision_distance, s.radius) / (s.collision_distance * sim.l0) ** 2,
+        weight(reach, s.radius) / (reach * sim.l0) ** 2,
+        s.collision_distance * sim.l0,
+        sim.dt,
         p.liquid,
         sim.work.intermediate,
         sim.fluid,
@@ -476,7 +484,7 @@ def measure_divergence(sim):
         trace = trace - p.compression[:rows] * rate
     over = over / sim.packing()
     share = min(s.separation * (sim.grid_number + sim.courant), 0.2)
-    trace = trace - share * np.maximum(over - s.overdensity, 0.0) / sim.dt
+    trace = trace - share * np.clip(over - s.overdensity, 0.0, MOST_OVERDENSITY) / sim.dt
     w.source[:rows] = trace / sim.dt
 
 

@@ -566,17 +566,17 @@ def test_reflection_at_walls(dimension, noise):
 @on_all
 def test_contacts(dimension, noise):
     c = make_case(dimension, noise)
-    n, least = c.p.liquid, 1.05
+    n, least, reach, dt = c.p.liquid, 0.9, 1.5, 0.3 * c.l0
     out = np.zeros((len(c.p), 3))
-    nearest = kernel(least) / (least * c.l0) ** 2
-    count = velocity.add_contacts(c.p.position, c.vector, c.p.kind, *c.wet, nearest, n, out)
-    d, r = c.d[:n, :n], c.r[:n, :n]
-    closing = np.einsum("ijk,ijk->ij", c.vector[None, :n] - c.vector[:n, None], d)
-    hit = c.listed[:n, :n] & (r < least) & (closing < 0.0)
+    within = kernel(reach) / (reach * c.l0) ** 2
+    count = velocity.add_contacts(c.p.position, c.vector, c.p.kind, *c.wet, within, least * c.l0, dt, n, out)
+    d, r = c.d[:n, :n], np.where(c.listed[:n, :n], c.r[:n, :n], np.inf)
+    towards = -np.einsum("ijk,ijk->ij", c.vector[None, :n] - c.vector[:n, None], d) / r
+    allowed = np.where(np.isfinite(r), np.maximum(r - least, 0.0) * c.l0 / dt, 0.0)
+    hit = (r < reach) & (towards > allowed)
     assert count == hit.sum() > 0
-    np.testing.assert_allclose(
-        out[:n], np.einsum("ij,ijk->ik", np.where(hit, 0.5 * closing / r**2, 0.0), d), atol=1e-12
-    )
+    slower = np.where(hit, 0.5 * (towards - allowed) / r, 0.0)
+    np.testing.assert_allclose(out[:n], -np.einsum("ij,ijk->ik", slower, d), atol=1e-12)
     np.testing.assert_allclose(out.sum(axis=0), 0.0, atol=1e-10)
 
 
