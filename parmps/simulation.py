@@ -41,7 +41,7 @@ VISCOUS_STEP = 0.2
 IMPLICIT_GAIN = 1.5
 """How much longer the step must get for the implicit viscous step, which costs about half of another step, to pay."""
 PROJECTIONS = 10
-"""How often the initial velocity is projected: each time leaves half of what the row next to a wall has towards it."""
+"""How often at most the initial velocity is projected: each time leaves half of what a row has towards its wall."""
 
 
 COUNTERS = (
@@ -222,7 +222,8 @@ class Simulation:
         """Make the initial velocity one that incompressible liquid in this tank can have; once, at the start.
 
         A velocity towards a wall, as of a tank that starts with a jolt, is stopped by an impulse of pressure
-        in no time: the velocity is projected, without a body force and without moving anything.
+        in no time: the velocity is projected, without a body force and without moving anything, for as long as this
+        takes kinetic energy from it. What does not is the operators' own error.
 
         Raises
         ------
@@ -241,12 +242,15 @@ class Simulation:
             force=np.zeros(3), alpha=np.zeros(3), omega=np.zeros(3)
         )
         for _ in range(PROJECTIONS):
-            velocity = p.velocity[: p.liquid].copy()
+            velocity, energy = p.velocity[: p.liquid].copy(), self.kinetic_energy()
             for stage in self.plan.project:
                 stage.run(self)
             pressure_gradient(self)
             p.velocity[: p.liquid] = velocity - self.dt * p.acceleration[: p.liquid]
             p.pressure[:] = 0.0
+            if self.kinetic_energy() > energy:
+                p.velocity[: p.liquid] = velocity
+                break
         p.acceleration[:] = 0.0
         self.frame = self.motion.at(0.0)
         self.contacts = 0
