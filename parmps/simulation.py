@@ -34,6 +34,8 @@ STEADY_STEP = 0.25
 """Bound of the step by the body force f: dt <= 0.25 sqrt(l0 / f)."""
 CAPILLARY_STEP = math.sqrt(0.25 / math.pi)
 """Bound of the step by surface tension: dt <= sqrt((rho_1 + rho_2) l0^3 / (4 pi sigma)) (Brackbill 1992)."""
+CAPILLARY_SHARE = 0.25
+"""Share of c / l0^3 in the grid's frequency: that of a wave of 10 spacings, the shortest with a curvature."""
 WAVE_STEP = 0.2
 """Bound of the step by the liquid's head f h where it moves before its pressure is known: dt <= 0.2 l0 / sqrt(f h)."""
 VISCOUS_STEP = 0.2
@@ -111,7 +113,8 @@ class Simulation:
     plan : Plan
     courant, grid_number, activity : float
         Time step in the units that shifting and damping refer to: u dt / l0 with the greatest speed u,
-        sqrt(f / l0) dt with the body force f, and the latter plus a fifth of the former.
+        sqrt(f / l0 + c / (4 l0^3)) dt with the body force f and the capillary rate c of `Liquids`, and the latter plus
+        a fifth of the former.
     implicit : bool
         Whether the viscous step is implicit, so that it does not bound the time step.
     suction : float
@@ -390,7 +393,8 @@ class Simulation:
         self.dt = left / steps
         self._end_of_step = until if steps == 1 else self.time + self.dt
         self.courant = speed * self.dt / self.l0
-        self.grid_number = math.sqrt(force / self.l0) * self.dt
+        capillary = self.liquids.capillary_rate * CAPILLARY_SHARE / self.l0**3
+        self.grid_number = math.sqrt(force / self.l0 + capillary) * self.dt
         self.activity = self.grid_number + 0.2 * self.courant
         length, frame = max(self.job.tank.size), self.frame
         strength = force + length * (np.linalg.norm(frame.alpha) + np.linalg.norm(frame.omega) ** 2)
