@@ -300,6 +300,7 @@ def _prepare(domain):
 
                 job = load_job(arguments.job, arguments.set)
                 require_supported(job)
+                _check_restart(getattr(arguments, "restart", None))
                 for warning in job_warnings(job):
                     print(f"parmps: warning: {warning}", file=sys.stderr, flush=True)
             result = command, arguments, job, None
@@ -311,6 +312,11 @@ def _prepare(domain):
     if result[0] == "exit":
         sys.exit(result[1])
     return result
+
+
+def _check_restart(directory):
+    if directory is not None and not os.path.exists(os.path.join(directory, "checkpoint.h5")):
+        raise InputError("command line", f"--restart {directory}: there is no checkpoint.h5 to continue from")
 
 
 def _plan(job, arguments, domain):
