@@ -30,8 +30,6 @@ IMBALANCE = 1.05
 """Largest over mean cost of the ranks beyond which particles are distributed anew."""
 SORT_EVERY = 400
 """Steps after which particles are sorted again for the sake of the caches."""
-STEADY_STEP = 0.25
-"""Bound of the step by the body force f: dt <= 0.25 sqrt(l0 / f)."""
 CAPILLARY_STEP = math.sqrt(0.25 / math.pi)
 """Bound of the step by surface tension: dt <= sqrt((rho_1 + rho_2) l0^3 / (4 pi sigma)) (Brackbill 1992)."""
 CAPILLARY_SHARE = 0.25
@@ -143,7 +141,7 @@ class Simulation:
         self.surface_distance = 0.5 * self.l0
         self.plan = make_plan(job, domain.size)
         self.seconds = {stage.name: 0.0 for stage in (*self.plan.solve, *self.plan.move)}
-        self.solver = PressureSolver(domain.comm, scheme.ksp_rtol)
+        self.solver = PressureSolver(domain.comm, scheme.ksp_rtol, scheme.hierarchy_excess)
         self.velocity_solver = VelocitySolver(domain.comm) if "viscosity" in self.seconds else None
         reach = max(scheme.radius, scheme.laplacian_radius) * self.l0
         moved = scheme.position == "moved"
@@ -376,9 +374,9 @@ class Simulation:
         control, force = self.job.time, np.linalg.norm(self.frame.force)
         bounds = [control.max_step or math.inf]
         if speed > 0.0:
-            bounds.append(control.cfl * self.l0 / speed)
+            bounds.append(self.job.courant * self.l0 / speed)
         if force > 0.0:
-            bounds.append(STEADY_STEP * math.sqrt(self.l0 / force))
+            bounds.append(self.scheme.steady_step * math.sqrt(self.l0 / force))
         if self.liquids.capillary_rate > 0.0:
             bounds.append(CAPILLARY_STEP * math.sqrt(self.l0**3 / self.liquids.capillary_rate))
         if self.scheme.position == "moved":
