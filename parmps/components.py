@@ -7,8 +7,8 @@ set afterwards so that its least value is zero.
 """
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
+
+from parmps.kernels.graph import join, number_parts
 
 SHIFT = 1e-9
 """Relative shift of the diagonal."""
@@ -115,10 +115,10 @@ def floating_components(domain, column, blocks, held):
     beyond = np.flatnonzero(column[rows:] >= 0) + rows
     order = beyond[np.argsort(column[beyond])]
     halo = blocks.halo_columns[: blocks.halo_first[-1]]
-    ends = np.concatenate([blocks.columns[: blocks.first[-1]], order[np.searchsorted(column[order], halo)]])
-    begins = np.concatenate([np.repeat(np.arange(rows), np.diff(a)) for a in (blocks.first, blocks.halo_first)])
-    graph = coo_matrix((np.ones(len(ends), np.int8), (begins, ends)), shape=(count, count))
-    parts, part = connected_components(graph, directed=False) if count else (0, np.zeros(0, int))
+    part = np.arange(count)
+    join(blocks.first, blocks.columns, part)
+    join(blocks.halo_first, order[np.searchsorted(column[order], halo)], part)
+    parts = number_parts(part)
     # Ranks agree on labels, and on what is held, by passing the least label and the most held along.
     label = np.where(column >= 0, column.astype(np.int64), np.iinfo(np.int64).max)
     tied = np.zeros(len(column), np.int64)

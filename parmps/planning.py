@@ -21,10 +21,10 @@ PROGRAM_BYTES = 258e6
 """Memory of a rank without particles, as measured: Python, the compiled kernels and the libraries."""
 ENTRY_BYTES = 12
 """Of an entry of the pressure matrix: its value and its column."""
-HIERARCHY = 6.7
+HIERARCHY = 5.4
 """Memory of the multigrid hierarchy while it is set up, in pressure matrices: a copy, the coarser levels, and what
-their making takes for a moment (graph, prolongation, triple product). Measured from 2 000 to 220 000 particles, 2D
-and 3D, as what the peak has beside the rest."""
+their making takes for a moment (graph, prolongation, triple product). Measured at 14 000 particles in 2D and 151 000
+in 3D, after several set-ups, as what the peak has beside the rest."""
 SAMPLES = 400
 """Times at which the motion is looked at."""
 
@@ -142,8 +142,6 @@ def memory_estimate(job, counts, ranks):
     halo = ((side + 2.0 * (max(reach, wide) + HALO_MARGIN)) ** dimension - owned) if ranks > 1 else 0.0
     particle = sum(np.dtype(kind).itemsize * math.prod(shape) for kind, shape in FIELDS.values())
     pairs = rows * lattice(dimension, reach).neighbours
-    # Volume drift, which every run reports at its end, needs the wide lists even where the scheme does not.
-    wide_pairs = liquid * lattice(dimension, scheme.volume_radius).neighbours
     entries = pairs + rows
     per_row, per_particle = _work_bytes(Liquids(job))
     return {
@@ -152,7 +150,7 @@ def memory_estimate(job, counts, ranks):
         "particles": particle * (2.0 * owned + halo),
         "fields of a step": per_row * rows + per_particle * (owned + halo),
         # number and squared distance of each neighbour, and a weight where the radii differ
-        "neighbour lists": 12.0 * (pairs + wide_pairs) + 8.0 * pairs * (scheme.radius != scheme.laplacian_radius),
+        "neighbour lists": 12.0 * pairs + 8.0 * pairs * (scheme.radius != scheme.laplacian_radius),
         "pressure matrix": ENTRY_BYTES * entries,
         "multigrid hierarchy": HIERARCHY * ENTRY_BYTES * entries,
     }
@@ -174,11 +172,10 @@ def _memory_lines(job, counts, ranks):
     rows = [(name, _bytes(size)) for name, size in parts.items()]
     rows += [("a rank", _bytes(each)), (f"all {ranks} rank(s)", _bytes(ranks * each))]
     reach = max(job.scheme.radius, job.scheme.laplacian_radius)
-    near, far = (lattice(job.dimension, r).neighbours for r in (reach, job.scheme.volume_radius))
+    near = lattice(job.dimension, reach).neighbours
     return [
         *_table(rows),
-        f"  from the sizes of all fields, {near} neighbours within {reach:g} l0 and {far} within "
-        f"{job.scheme.volume_radius:g} l0 on the lattice,",
+        f"  from the sizes of all fields, {near} neighbours within {reach:g} l0 on the lattice,",
         f"  a square or cube of particles a rank, and {HIERARCHY:g} matrices for the making of the hierarchy",
     ]
 

@@ -40,6 +40,8 @@ VISCOUS_STEP = 0.2
 """Bound of the step by explicit viscosity: dt <= 0.2 l0^2 / nu."""
 IMPLICIT_GAIN = 1.5
 """How much longer the step must get for the implicit viscous step, which costs about half of another step, to pay."""
+PROJECTIONS = 10
+"""How often the initial velocity is projected: each time leaves half of what the row next to a wall has towards it."""
 
 
 COUNTERS = (
@@ -51,6 +53,7 @@ COUNTERS = (
     "largest_kinetic",
     "contacts",
     "put_back",
+    "surface_distance",
     "iterations",
     "iterations_max",
     "step_min",
@@ -67,7 +70,7 @@ class Work:
     ----------
     density, lean, matrix, inverse, full, source, rhs, smooth, surface_normal, change
         One row a row of the pressure equation; see the kernels.
-    asymmetry, surface, near, force, link_force, intermediate, gradient
+    asymmetry, wet, surface, near, force, link_force, intermediate, gradient
         One row a particle, the halo included.
     """
 
@@ -80,6 +83,7 @@ class Work:
             setattr(self, name, np.zeros((rows, 3)))
         for name, width in (("asymmetry", 3), ("force", 3), ("link_force", 3), ("intermediate", 3), ("gradient", 9)):
             setattr(self, name, np.zeros((count, width)))
+        self.wet = np.ones(count)
         self.surface = np.zeros(count, np.int8)
         self.near = np.zeros(count, np.int8)
         self.nearest = np.empty(rows if liquids.several else 0, np.int32)
@@ -133,6 +137,7 @@ class Simulation:
         self.laplacian_lattice = lattice(job.dimension, scheme.laplacian_radius)
         self.wide_lattice = lattice(job.dimension, scheme.volume_radius)
         self.surface_lean = self.lattice.lean
+        self.surface_distance = 0.5 * self.l0
         self.plan = make_plan(job, domain.size)
         self.seconds = {stage.name: 0.0 for stage in (*self.plan.solve, *self.plan.move)}
         self.solver = PressureSolver(domain.comm, scheme.ksp_rtol)
@@ -217,7 +222,7 @@ class Simulation:
         """Make the initial velocity one that incompressible liquid in this tank can have; once, at the start.
 
         A velocity towards a wall, as of a tank that starts with a jolt, is stopped by an impulse of pressure
-        in no time: the velocity is projected once, without a body force and without moving anything.
+        in no time: the velocity is projected, without a body force and without moving anything.
 
         Raises
         ------
@@ -228,20 +233,21 @@ class Simulation:
             return
         self.started = True
         p = self.particles
-        velocity = p.velocity[: p.liquid].copy()
-        if self.domain.max(float(np.abs(velocity).max(initial=0.0))) == 0.0:
+        if self.domain.max(float(np.abs(p.velocity[: p.liquid]).max(initial=0.0))) == 0.0:
             return
         self.choose_step(self.job.time.max_step or self.job.output.probes_every)
         self.suction = math.inf  # an impulse has no bound
         self.frame = self.frame._replace(
             force=np.zeros(3), alpha=np.zeros(3), omega=np.zeros(3)
         )
-        for stage in self.plan.project:
-            stage.run(self)
-        pressure_gradient(self)
-        p.velocity[: p.liquid] = velocity - self.dt * p.acceleration[: p.liquid]
+        for _ in range(PROJECTIONS):
+            velocity = p.velocity[: p.liquid].copy()
+            for stage in self.plan.project:
+                stage.run(self)
+            pressure_gradient(self)
+            p.velocity[: p.liquid] = velocity - self.dt * p.acceleration[: p.liquid]
+            p.pressure[:] = 0.0
         p.acceleration[:] = 0.0
-        p.pressure[:] = 0.0
         self.frame = self.motion.at(0.0)
         self.contacts = 0
         self.initial_energy = self.kinetic_energy()
@@ -278,7 +284,8 @@ class Simulation:
         """
         entries = self.pairs.count + self.particles.rows
         if self._blocks is None or len(self._blocks.columns) < entries:
-            self._blocks = Blocks(self.particles.rows, entries + entries // 8)
+            room = entries + entries // 8
+            self._blocks = Blocks(self.particles.rows, room, room)
         return self._blocks
 
     def lattice_matrix(self):
