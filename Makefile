@@ -47,7 +47,9 @@ validate: setup
 
 validate3d: setup
 	$(python) jobs/validation/run.py rest --variant 3D --spacing 0.01 --preset balanced
-	$(python) jobs/validation/run.py standing_wave_3d surge_sway baffled_3d lng --preset balanced
+	$(python) jobs/validation/run.py standing_wave_3d surge_sway baffled_3d --preset balanced
+	$(python) jobs/validation/run.py lng --spacing 0.036 --preset balanced
+	$(python) jobs/validation/run.py lng --variant "LNG 70 %" --preset balanced
 
 trade: setup
 	$(python) jobs/validation/trade.py

@@ -156,6 +156,13 @@ def write_states(directory):
     (directory / "turning.csv").write_text(
         "time [s],roll [deg]\n" + "".join(f"{0.1 * n},{36.0 * n}\n" for n in range(12))
     )
+    # an irregular motion in all six ways: three waves each, of random frequency and phase, that grow from rest
+    time = np.arange(0.0, 20.5, 0.02)
+    omega, phase = rng.uniform(3.0, 9.0, (2, 6, 3, 1))
+    irregular = np.sin(omega * time + phase).sum(axis=1) * np.minimum(time, 1.0) ** 2
+    columns = np.vstack([time, irregular * np.array([[0.01]] * 3 + [[4.0]] * 3)]).T
+    names = "time [s],surge [m],sway [m],heave [m],roll [deg],pitch [deg],yaw [deg]"
+    np.savetxt(directory / "irregular.csv", columns, delimiter=",", header=names, comments="")
 
 
 def cases():
@@ -239,6 +246,10 @@ def cases():
             "motion=[]", "fluids=[{name: water, region: {box: [[0.1, 0.06, 0.06], [0.2, 0.14, 0.14]]}}]",
             "initial={kind: velocity, fluid: water, value: [-10, -10, -10]}", "time.end=0.05",
         ), both),
+        Case("3D irregular motion in six ways, 20 s", BOX, (
+            "spacing=0.025", "motion=[{kind: file, path: irregular.csv}]", "time.end=20",
+        ), both),
+        Case("3D pitch, more ranks than cores", BOX, ("time.end=0.1",), (16,)),
         *[Case(f"3D {name}", SHAKEN % tank, (), both) for name, tank in SHAPES.items()],
         *[Case(f"3D sphere, fill {fill:.0%}", SHAKEN % SHAPES["sphere"], (f"fluids[0].fill={fill}",), both)
           for fill in (0.01, 0.99)],
