@@ -128,26 +128,29 @@ def missing_cases(sweep, cases, retry=False):
     return left
 
 
-def command(sweep, case, launcher=None):
-    """Command line that runs a case, from its checkpoint if it has one.
+def command(sweep, case):
+    """Command line that runs a case here, from its checkpoint if it has one.
 
     Parameters
     ----------
     sweep : Sweep
     case : Case
-    launcher : list of str, optional
-        What starts the ranks; mpirun by default, for more than one.
 
     Returns
     -------
     list of str
     """
     place = directory(sweep, case)
-    if launcher is None:
-        ranks = sweep.run.ranks
-        launcher = [] if ranks == 1 else ["mpirun", "--oversubscribe", "-n", str(ranks)]
     where = "--restart" if (place / "checkpoint.h5").exists() else "--out"
-    return [*launcher, sys.executable, "-m", "parmps", str(place / "job.yaml"), where, str(place)]
+    words = [*_launcher(sweep, "--oversubscribe"), sys.executable, "-m", "parmps"]
+    return [*words, str(place / "job.yaml"), where, str(place)]
+
+
+def _launcher(sweep, *options):
+    """Words that start the ranks of a case; the options are mpirun's."""
+    if sweep.run.launcher is not None:
+        return sweep.run.launcher.split()
+    return [] if sweep.run.ranks == 1 else ["mpirun", *options, "-n", str(sweep.run.ranks)]
 
 
 # On this machine
@@ -298,40 +301,51 @@ def script(sweep, cases, kind):
     if not cases:
         raise InputError("", "no case is missing; nothing is left for a script")
     places = " ".join(shlex.quote(str(directory(sweep, case))) for case in cases)
-    ranks = sweep.run.ranks
-    launcher = "srun" if kind == "slurm" else f"mpirun -n {ranks}" if ranks > 1 else ""
-    run = f"{launcher} {shlex.quote(sys.executable)} -m parmps".strip()
+    run = shlex.join([*_launcher(sweep), sys.executable, "-m", "parmps"])
     if kind == "slurm":
         logs = shlex.quote(str(Path(sweep.run.directory) / "slurm-%a.log"))
         head = [
             f"#SBATCH --array=0-{len(cases) - 1}",
-            f"#SBATCH --ntasks={ranks}",
+            f"#SBATCH --ntasks={sweep.run.ranks}",
             f"#SBATCH --output={logs}",
-            "#SBATCH --signal=USR1@120  # two minutes for the checkpoint before the time limit",
+            "#SBATCH --signal=B:USR1@120  # two minutes for the checkpoint before the time limit",
             *(f"#SBATCH {option}" for option in sweep.run.slurm),
         ]
         choice = ['cases=("${cases[$SLURM_ARRAY_TASK_ID]}")']
     else:
         head = choice = []
     return SCRIPT.format(
-        head="\n".join(["#!/bin/bash", *head]), choice="\n".join(choice), places=places, run=run, failure=FAILURE
+        head="\n".join(["#!/bin/bash", *head]),
+        choice="\n".join(choice),
+        places=places,
+        run=run,
+        early=EARLY_END,
+        failure=FAILURE,
     )
 
 
 SCRIPT = """\
 {head}
-# Runs the cases of a sweep; those that are done are left out, those with a checkpoint continue.
+# Runs the cases of a sweep; those that are done are left out, those with a checkpoint continue. USR1, INT or TERM to
+# this script has the case write a checkpoint and ends the script.
 export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 cases=({places})
 {choice}
+set -m  # a signal from the terminal is for this script, which tells its case
+stop=
+trap 'stop=1; kill -USR1 $child' USR1 INT TERM
 for case in "${{cases[@]}}"; do
     grep -qs '"status": "done"' "$case/run.json" && continue
     where=--out
     [[ -f $case/checkpoint.h5 ]] && where=--restart
-    {run} "$case/job.yaml" $where "$case" 2>"$case/errors.txt"
+    {run} "$case/job.yaml" $where "$case" 2>"$case/errors.txt" &
+    child=$!
+    wait $child
     status=$?
-    [[ $status == 0 || $status == 5 ]] || grep -qs '^{failure}' "$case/errors.txt" ||
-        echo '{failure}ended with exit status '$status >>"$case/errors.txt"
+    [[ $stop ]] && wait $child  # the signal ended the wait before this one, not the case
+    [[ $stop || $status == {early} ]] && exit {early}
+    [[ $status == 0 ]] || grep -qs '^{failure}' "$case/errors.txt" ||
+        echo "{failure}ended with exit status $status; see $case/errors.txt" >>"$case/errors.txt"
 done
 """
 

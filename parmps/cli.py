@@ -272,9 +272,9 @@ def _sweep(arguments):
     run = campaign.results if arguments.collect else partial(campaign.run_sweep, retry=arguments.retry)
     ends = run(sweep, cases)
     if find_spec("matplotlib"):
-        from parmps.figures.charts import draw_sweep
+        from parmps.figures.charts import save_sweep
 
-        draw_sweep(sweep)
+        save_sweep(sweep)
     else:
         print("no figures were drawn: that needs matplotlib")
     done = ends.count("done")

@@ -26,10 +26,23 @@ Number = Annotated[float, Field(strict=True, allow_inf_nan=False), BeforeValidat
 Length = Annotated[Number, Field(gt=0, le=1e4)]
 Coordinate = Annotated[Number, Field(ge=-1e4, le=1e4)]
 Point = Annotated[tuple[Coordinate, ...], Field(min_length=2, max_length=3)]
-Name = Annotated[str, Field(pattern=r"^\w[\w .+-]{0,63}$")]
-FilePath = Annotated[str, Field(min_length=1, max_length=4096, pattern=r"^[^\x00-\x1f\x7f]+$")]
 
-NAME_RULE = "must be 1 to 64 letters, digits, spaces or _ . + -, beginning with a letter or digit"
+PATTERNS = {
+    "name": (
+        r"^\w[\w .+-]{0,63}$",
+        "must be 1 to 64 letters, digits, spaces or _ . + -, beginning with a letter or digit",
+    ),
+    "path": (r"^[^\x00-\x1f\x7f]+$", "must be a file path without control characters"),
+    "option": (r"^--?[^\s\x00-\x1f][^\x00-\x1f]*$", "must be one option, such as --time=02:00:00"),
+    "command": (r"^[^\x00-\x1f'\"\\]+$", "must be words without quotes, such as srun --mpi=pmix"),
+}
+"""Patterns of texts, and how a message says them."""
+
+Name = Annotated[str, Field(pattern=PATTERNS["name"][0])]
+FilePath = Annotated[str, Field(min_length=1, max_length=4096, pattern=PATTERNS["path"][0])]
+Option = Annotated[str, Field(max_length=200, pattern=PATTERNS["option"][0])]
+Command = Annotated[str, Field(max_length=500, pattern=PATTERNS["command"][0])]
+
 TAG_MARK = "@"
 
 
@@ -131,7 +144,7 @@ def input_error(error, model, prefix=()):
     if kind == "kind":
         members = models_in(field.annotation)
         return _kind_error(key, value, [name for member in members for name in member.kinds()])
-    return InputError(key, f"got {show(value)}, {_rule(kind, first, path)}{_in_unit(field)}")
+    return InputError(key, f"got {show(value)}, {_rule(kind, first)}{_in_unit(field)}")
 
 
 def _locate(location, model):
@@ -206,14 +219,10 @@ _RULES = {
 }
 
 
-def _rule(kind, report, path):
+def _rule(kind, report):
     """State what is allowed where a value was refused."""
     if kind == "string_pattern_mismatch":
-        return (
-            "must be a file path without control characters"
-            if path[-1] in ("path", "directory")
-            else NAME_RULE
-        )
+        return dict(PATTERNS.values())[report["ctx"]["pattern"]]
     if kind in _RULES:
         return _RULES[kind].format(**report.get("ctx", {}))
     return report["msg"]

@@ -91,8 +91,36 @@ def share_with_walls(sim, values):
     sim.domain.exchange(values)
 
 
-def smooth_fraction(sim, fraction, near):
-    """Smooth the fraction of the own liquid among the particles near interfaces, and tell it the walls.
+class Links:
+    """Liquid neighbours of particles near interfaces, with images behind walls.
+
+    Parameters
+    ----------
+    sim : Simulation
+    near : Near
+
+    Attributes
+    ----------
+    begin, index, offset, image, mirror
+        As made by `interface.image_links`.
+    """
+
+    def __init__(self, sim, near):
+        p, (first, last, other) = sim.particles, sim.pairs.wet
+        count = len(near.index)
+        capacity = 2**sim.dimension * int((last[near.index] - first[near.index] + 1).sum())
+        self.begin, self.index = np.empty(count + 1, np.int64), np.empty(capacity, np.int32)
+        self.offset, self.image = np.empty((capacity, 3)), np.empty(capacity, np.int8)
+        self.mirror = np.empty((count, 3, 3))
+        reach = sim.scheme.radius * sim.l0
+        walls = (p.normal, p.depth)
+        lists = (near.index, first, last, other)
+        into = (self.begin, self.index, self.offset, self.image, self.mirror)
+        interface.image_links(p.position, p.kind, *walls, *lists, reach, *into)
+
+
+def smooth_fraction(sim, fraction, near, links):
+    """Smooth the fraction of the own liquid among the particles near interfaces.
 
     Parameters
     ----------
@@ -100,32 +128,37 @@ def smooth_fraction(sim, fraction, near):
     fraction : (n,) float64
     near : Near
         Has the result.
+    links : Links
     """
-    p = sim.particles
-    interface.smooth_fraction(
-        p.position,
-        p.fluid,
-        sim.liquids.sheet,
-        fraction,
-        near.index,
-        *sim.pairs.wet,
-        sim.l0,
-        sim.scheme.radius,
-        near.fraction,
-    )
-    share_with_walls(sim, near.fraction)
+    between = (links.begin, links.index, links.offset, sim.l0, sim.scheme.radius)
+    common = (sim.particles.fluid, sim.liquids.sheet)
+    interface.smooth_fraction(*common, fraction, near.index, *between, near.fraction)
+    sim.domain.exchange(near.fraction)
+
+
+def find_normals(sim, near, links):
+    """Normals of the interfaces, from the smoothed fraction.
+
+    Parameters
+    ----------
+    sim : Simulation
+    near : Near
+        Has the fraction, and the result.
+    links : Links
+    """
+    between = (links.begin, links.index, links.offset, links.image, sim.l0, sim.scheme.radius, sim.dimension)
+    common = (sim.particles.fluid, sim.liquids.sheet)
+    interface.normals(*common, near.fraction, near.index, *between, near.normal, near.beyond)
+    sim.domain.exchange(near.normal)
 
 
 def find_interfaces(sim):
     """Find the particles near interfaces, and the interfaces' normals."""
-    p, w, near = sim.particles, sim.work, sim.work.near_interface
-    sheet = sim.liquids.sheet
-    near.reset(interface.find_near(*sim.pairs.lists, p.kind, p.fluid, sheet, p.liquid, near.room))
-    common = (p.position, p.kind, p.fluid, sheet)
-    smooth_fraction(sim, near.fraction.copy(), near)
-    links = (near.index, *sim.pairs.wet, sim.strength)
-    interface.normals(*common, near.fraction, *links, w.inverse, sim.l0, near.normal, near.beyond)
-    sim.domain.exchange(near.normal)
+    p, near = sim.particles, sim.work.near_interface
+    near.reset(interface.find_near(*sim.pairs.lists, p.kind, p.fluid, sim.liquids.sheet, p.liquid, near.room))
+    links = Links(sim, near)
+    smooth_fraction(sim, near.fraction.copy(), near, links)
+    find_normals(sim, near, links)
 
 
 def find_curvature(sim):
@@ -136,18 +169,20 @@ def find_curvature(sim):
     p, w, near = sim.particles, sim.work, sim.work.curved
     fraction = w.near_interface.fraction
     near.reset(interface.widen(*sim.pairs.lists, p.kind, fraction, p.liquid, near.room))
-    common = (p.position, p.kind, p.fluid, sim.liquids.sheet)
-    links = (near.index, *sim.pairs.wet, sim.strength)
+    links = Links(sim, near)
     for _ in range(SMOOTHINGS):
-        smooth_fraction(sim, fraction, near)
+        smooth_fraction(sim, fraction, near, links)
         fraction = near.fraction.copy()
-    interface.normals(*common, near.fraction, *links, w.inverse, sim.l0, near.normal, near.beyond)
-    sim.domain.exchange(near.normal)
+    find_normals(sim, near, links)
+    common, scale = (p.fluid, sim.liquids.sheet), (sim.l0, sim.scheme.radius)
+    between = (links.begin, links.index, links.offset)
     w.bend[:] = 0.0
-    interface.curvature(*common, near.normal, *links, sim.dimension, w.bend)
+    images = (*between, links.image, links.mirror)
+    interface.curvature(*common, near.normal, near.index, *images, *scale, sim.dimension, w.bend)
     for _ in range(SMOOTHINGS):
         sim.domain.exchange(w.bend)
-        interface.smooth_curvature(*common, w.bend.copy(), near.normal, *links, sim.scheme.radius, w.bend)
+        before = w.bend.copy()
+        interface.smooth_curvature(*common, before, near.normal, near.index, *between, *scale, w.bend)
     share_with_walls(sim, w.bend)
 
 

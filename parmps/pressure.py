@@ -276,8 +276,8 @@ class Blocks:
 
     Parameters
     ----------
-    rows, entries : int
-        Number of rows, and of entries at most.
+    rows, entries, beyond : int
+        Number of rows, and of entries of each block at most.
 
     Attributes
     ----------
@@ -291,11 +291,11 @@ class Blocks:
         The columns of the halo, as the matrix made of the blocks counts them.
     """
 
-    def __init__(self, rows, entries):
+    def __init__(self, rows, entries, beyond):
         index = PETSc.IntType
         self.first, self.columns, self.values = np.zeros(rows + 1, index), np.empty(entries, index), np.empty(entries)
         self.halo_first = np.zeros(rows + 1, index)
-        self.halo_columns, self.halo_values = np.empty(entries, index), np.empty(entries)
+        self.halo_columns, self.halo_values = np.empty(beyond, index), np.empty(beyond)
         self.at_diagonal = np.zeros(rows, index)
         self.renumbered = None
 
@@ -306,9 +306,9 @@ class Blocks:
         -------
         Blocks
         """
-        copy = Blocks(len(self.at_diagonal), len(self.columns))
+        copy = Blocks(len(self.at_diagonal), self.first[-1], self.halo_first[-1])
         for array, original in zip(copy.arrays, self.arrays, strict=True):
-            array[:] = original
+            array[:] = original[: len(array)]
         sort_rows(copy.first, copy.columns, copy.values)
         sort_rows(copy.halo_first, copy.halo_columns, copy.halo_values)
         return copy

@@ -1,13 +1,16 @@
 """What a person reads while a run goes on and after it: ``run.log``, progress, timer table.
 
-Used by one process only. Everything said goes to ``run.log`` and to the standard output; on a terminal a
+A log is used by one process only. Everything said goes to ``run.log`` and to the standard output; on a terminal a
 progress bar in simulated time takes the place of the progress lines, which then go to the log alone.
 """
 
+import os
+import shlex
 import sys
 import time as clock
 from pathlib import Path
 
+from numba.core.event import TimingListener
 from tqdm import tqdm
 
 from parmps.slabs import output_errors
@@ -71,8 +74,9 @@ class RunLog:
         time, end : float
             Simulated time now and at the end, s.
         """
-        self._first_time, self._end = time, end
-        self._first_clock = self._last_clock = clock.monotonic()
+        self._end = end
+        self._began = self._last_clock = clock.monotonic()
+        self._first_time = None
         if self._terminal:
             self._bar = tqdm(total=end, initial=time, bar_format=_BAR_FORMAT, leave=True, dynamic_ncols=True)
             self._bar.set_postfix_str("starting")
@@ -92,6 +96,8 @@ class RunLog:
             Iterations of the pressure solver in the last step.
         """
         now = clock.monotonic()
+        if self._first_time is None:  # the speed counts from here: the first step may have compiled kernels
+            self._first_time, self._first_clock = time, now
         left = self._time_left(time, now)
         if self._bar is not None:
             self._bar.set_postfix_str(f"{left} left, dt {dt * 1e3:.3g} ms", refresh=False)
@@ -110,7 +116,7 @@ class RunLog:
     def stop(self):
         """End the progress bar, if there is one."""
         if self._bar is not None:
-            self._bar.set_postfix_str(f"{duration(clock.monotonic() - self._first_clock)} taken")
+            self._bar.set_postfix_str(f"{duration(clock.monotonic() - self._began)} taken")
             self._bar.close()
             self._bar = None
 
@@ -131,6 +137,48 @@ class RunLog:
         if done <= 0.0:
             return "unknown time"
         return duration((self._end - time) / done * (now - self._first_clock))
+
+
+class Compilation(TimingListener):
+    """Time that numba spends on compiling kernels, while it listens to ``numba:compile``.
+
+    Parameters
+    ----------
+    say : callable, optional
+        Takes a line for the person who waits, when it begins.
+    """
+
+    def __init__(self, say=None):
+        super().__init__()
+        self._say = say
+
+    @property
+    def seconds(self):
+        """Time so far, s."""
+        return self.duration if self.done else 0.0
+
+    def on_start(self, event):
+        """Take notice of a kernel that is about to be compiled; kernels that it calls come within it."""
+        if self._say is not None:
+            self._say("Compiling the kernels; later runs find them compiled.")
+            self._say = None
+        super().on_start(event)
+
+
+def command_line(*words):
+    """Write a command as a person can paste it where the run was started.
+
+    Parameters
+    ----------
+    *words : path-like
+        Paths below the working directory are written from there.
+
+    Returns
+    -------
+    str
+    """
+    here = os.getcwd() + os.sep
+    return shlex.join(str(word).removeprefix(here) for word in words)
 
 
 def duration(seconds):
@@ -198,10 +246,15 @@ def advice(record, steps):
         One sentence each; empty for a run in which nothing stands out.
     """
     wall, stages, ksp = record["wall_seconds"], record["stage_seconds"], record["ksp"]
-    if steps < LEAST_STEPS or wall <= 0.0:
+    if wall <= 0.0:
+        return []
+    compiling = record["compile_seconds"] / wall
+    if compiling > LARGE_SHARE:
+        return [f"{compiling:.0%} of the time went into compiling the kernels: the next run finds them compiled."]
+    if steps < LEAST_STEPS:
         return []
     spent = {name: times["mean"] / wall for name, times in stages.items()}
-    pressure, halo, outside = spent.get("pressure", 0.0), spent.get("halo", 0.0), 1.0 - sum(spent.values())
+    pressure, halo, results = (spent.get(name, 0.0) for name in ("pressure", "halo", "results"))
     each = record["particles"]["total"] / record["ranks"]
     lines = []
     if pressure > LARGE_SHARE and steps < OFTEN * ksp["rebuilds"]:
@@ -214,9 +267,9 @@ def advice(record, steps):
             f"The pressure took {ksp['iterations_mean']:.0f} iterations a step: try scheme.ksp_rtol a decade larger, "
             "or another preconditioner (-ppe_pc_type hypre)."
         )
-    if outside > LARGE_SHARE:
+    if results > LARGE_SHARE:
         lines.append(
-            f"{outside:.0%} of the time went into samples, snapshots and checkpoints: see output.probes_every, "
+            f"{results:.0%} of the time went into samples, snapshots and checkpoints: see output.probes_every, "
             "output.particles_every and output.checkpoint_every."
         )
     if halo > LARGE_SHARE:

@@ -1,5 +1,6 @@
 """A run: the time loop of a simulation with its probes, results, checkpoints and messages."""
 
+import contextlib
 import math
 import os
 import platform
@@ -12,6 +13,7 @@ from types import SimpleNamespace
 import h5py
 import numba
 import numpy as np
+from numba.core.event import install_listener
 
 import parmps
 from parmps import checkpoint
@@ -22,7 +24,7 @@ from parmps.output import ParticleFile, ProbeTable, prepare_directory, write_jso
 from parmps.particles import FIELDS, FLUID
 from parmps.pressure import petsc_version
 from parmps.probes import build_probes
-from parmps.report import RunLog, advice, timer_table
+from parmps.report import Compilation, RunLog, advice, command_line, timer_table
 from parmps.simulation import COUNTERS, SUMMED, Simulation
 
 
@@ -96,6 +98,8 @@ class Run:
         self.saves = Schedule(out.checkpoint_every, end)
         self._open_results(restart is not None)
         self._first_step = self.simulation.step_number
+        self._compilation = Compilation(self.log.line if self.main else None)
+        self._seconds_of_results = 0.0
         self._good = self.simulation.snapshot()
 
     def _on_main(self, action):
@@ -247,7 +251,8 @@ class Run:
         self.domain.barrier()
         start = clock.perf_counter(), clock.process_time()
         try:
-            self._loop()
+            with install_listener("numba:compile", self._compilation):
+                self._loop()
             self._finish("done", start)
         except StoppedError as end:
             self._save()
@@ -267,22 +272,31 @@ class Run:
         began = s.time
         while True:
             if self.saves.due(s.time) and s.time > began:
-                self._save()
+                with self._writing():
+                    self._save()
             s.balance()
             request = s.choose_step(min(schedule.after(s.time) for schedule in schedules), self.interrupt.request())
             if request and s.time < end:
                 raise StoppedError(f"stopped by {reason(request)} at t = {s.time:g} s, step {s.step_number}")
             s.solve()
-            if self.samples.due(s.time):
-                self._good = s.snapshot()
-                self._sample()
-            if self.frames.due(s.time):
-                self._write_frame()
+            with self._writing():
+                if self.samples.due(s.time):
+                    self._good = s.snapshot()
+                    self._sample()
+                if self.frames.due(s.time):
+                    self._write_frame()
             if s.time >= end:
                 break
             s.move()
             if self.main:
                 self.log.progress(s.time, s.step_number, s.dt, s.solver.iterations)
+
+    @contextlib.contextmanager
+    def _writing(self):
+        """Count the time that results take."""
+        start = clock.perf_counter()
+        yield
+        self._seconds_of_results += clock.perf_counter() - start
 
     def _greet(self):
         s, line = self.simulation, self.log.line
@@ -314,8 +328,10 @@ class Run:
         if status == "done":
             line(f"volume drift {record['volume_drift']:+.2%}")
         else:
-            line(f"{status}; to continue: --restart {self.directory}")
-        line(f"Results are in {self.directory}; plot them: python postproc/plot_probes.py {self.directory}")
+            line(f"{status}; to continue: --restart {command_line(self.directory)}")
+        script = "plot_probes.py" if self.probes else "plot_particles.py"
+        plot = Path(parmps.__file__).parents[1] / "postproc" / script
+        line(f"Results are in {self.directory}; plot them: {command_line(sys.executable, plot, self.directory)}")
 
     def close(self):
         """Close all files and free the solvers."""
@@ -333,8 +349,8 @@ class Run:
         dict
         """
         s, domain = self.simulation, self.domain
-        names = list(s.seconds)
-        seconds = np.array([s.seconds[name] for name in names])
+        spent = {**s.seconds, "results": self._seconds_of_results}
+        names, seconds = list(spent), np.array(list(spent.values()))
         largest, mean = domain.max(seconds), domain.sum(seconds) / domain.size
         memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
         p = s.particles
@@ -347,6 +363,7 @@ class Run:
             "simulated_seconds": s.time,
             "wall_seconds": self.wall,
             "cpu_seconds": domain.sum(self.cpu),
+            "compile_seconds": domain.max(self._compilation.seconds),
             "particles": {
                 "fluid": int(kinds[FLUID]),
                 "wall": int(kinds[1]),

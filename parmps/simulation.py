@@ -22,6 +22,8 @@ from parmps.tank import initial_velocity, place
 
 HALO_MARGIN = 1.6
 """Width of the halo beyond the largest radius, in spacings: how far particles may move before it is renewed."""
+COSTS = (1.0, 0.5, 0.05, 0.05)
+"""Cost of a particle of each kind, which the ranks share evenly."""
 BALANCE_EVERY = 50
 """Steps between two looks at the balance of the ranks."""
 IMBALANCE = 1.05
@@ -49,6 +51,7 @@ COUNTERS = (
     "largest_kinetic",
     "contacts",
     "put_back",
+    "surface_distance",
     "iterations",
     "iterations_max",
     "step_min",
@@ -65,7 +68,7 @@ class Work:
     ----------
     density, lean, matrix, inverse, full, source, rhs, smooth, surface_normal, change
         One row a row of the pressure equation; see the kernels.
-    asymmetry, surface, near, force, link_force, intermediate, gradient
+    asymmetry, wet, surface, near, force, link_force, intermediate, gradient
         One row a particle, the halo included.
     """
 
@@ -78,6 +81,7 @@ class Work:
             setattr(self, name, np.zeros((rows, 3)))
         for name, width in (("asymmetry", 3), ("force", 3), ("link_force", 3), ("intermediate", 3), ("gradient", 9)):
             setattr(self, name, np.zeros((count, width)))
+        self.wet = np.ones(count)
         self.surface = np.zeros(count, np.int8)
         self.near = np.zeros(count, np.int8)
         self.nearest = np.empty(rows if liquids.several else 0, np.int32)
@@ -131,6 +135,7 @@ class Simulation:
         self.laplacian_lattice = lattice(job.dimension, scheme.laplacian_radius)
         self.wide_lattice = lattice(job.dimension, scheme.volume_radius)
         self.surface_lean = self.lattice.lean
+        self.surface_distance = 0.5 * self.l0
         self.plan = make_plan(job, domain.size)
         self.seconds = {stage.name: 0.0 for stage in (*self.plan.solve, *self.plan.move)}
         self.solver = PressureSolver(domain.comm, scheme.ksp_rtol, scheme.hierarchy_excess)
@@ -171,8 +176,7 @@ class Simulation:
     def distribute(self):
         """Give every rank its particles, rows and halo; forget all that depends on the past."""
         p = self.particles
-        weight = np.choose(p.kind[: p.owned], [1.0, 0.5, 0.05, 0.05])
-        self.particles = self.domain.distribute(p, weight, 2.0 * self.l0)
+        self.particles = self.domain.distribute(p, np.choose(p.kind[: p.owned], COSTS), 2.0 * self.l0)
         p = self.particles
         self._first_row = self.domain.first_of(p.rows)
         self.solver.new_layout(p.rows)
@@ -278,7 +282,8 @@ class Simulation:
         """
         entries = self.pairs.count + self.particles.rows
         if self._blocks is None or len(self._blocks.columns) < entries:
-            self._blocks = Blocks(self.particles.rows, entries + entries // 8)
+            room = entries + entries // 8
+            self._blocks = Blocks(self.particles.rows, room, room)
         return self._blocks
 
     def lattice_matrix(self):
@@ -294,9 +299,9 @@ class Simulation:
         return self.work.inverse
 
     def check_floating(self):
-        """Whether to look for liquid without a free surface: after each new distribution."""
+        """Whether to look for parts without a free surface: after a new distribution, and when one got or lost one."""
         check, self._check_floating = self._check_floating, False
-        return check
+        return check or self.floating.outdated(self.domain, self.work.surface[: self.particles.rows])
 
     def evaluate_body_force(self):
         """Body force of the tank's motion on the liquid, at the step's start."""

@@ -27,7 +27,7 @@ from parmps.liquids import Liquids
 from parmps.particles import DUMMY, FLUID, WALL
 
 VOLUME_EVERY = 10
-"""Steps between two measurements of the volume error, which changes slowly."""
+"""Steps between two measurements of the volume error and of the surface row, which change slowly."""
 
 VOLUME_SHARE = 0.1
 """Share of the volume error to remove per u dt / l0, u the greatest speed, where volume_time is longer than that."""
@@ -162,13 +162,16 @@ def make_plan(job, ranks):
         measure_volume,
         "volume_time is null",
     )
-    moments = Stage("density", "moments of the neighbourhood and free surface", measure_density)
+    moments = [
+        Stage("density", "moments of the neighbourhood and free surface", measure_density),
+        Stage("surface", "pressure is zero on the free surface", locate_surface),
+    ]
     return Plan(
         [
             *halo,
             *search,
             *walls,
-            moments,
+            *moments,
             *interfaces,
             Stage("impulse", "walls stop the initial velocity at once", balance_impulse),
             Stage("divergence", "source of the pressure equation", measure_divergence),
@@ -178,7 +181,7 @@ def make_plan(job, ranks):
             *halo,
             *search,
             *walls,
-            moments,
+            *moments,
             *interfaces,
             *curvature,
             *volume,
@@ -252,8 +255,12 @@ def find_neighbours(sim):
 def measure_density(sim):
     """Number density, free surface, and the moment matrices of the corrected operators."""
     p, s, w = sim.particles, sim.scheme, sim.work
+    if s.position == "start":
+        density.wet_walls(p.position, p.normal, *sim.pairs.wet, sim.strength, p.liquid, p.rows, w.wet)
+        sim.domain.exchange(w.wet)
     density.moments(
         p.position,
+        w.wet,
         *sim.pairs.wet,
         sim.strength,
         sim.l0,
@@ -264,10 +271,7 @@ def measure_density(sim):
         w.lean,
         w.matrix,
     )
-    asymmetry = sim.lattice.asymmetry
-    if s.position == "start" and sim.dimension == 3:  # in 2D the density alone tells particles in corners
-        asymmetry = sim.lattice.corner_asymmetry
-    density.mark_surface(w.density, w.asymmetry, sim.lattice.density, 0.9 * asymmetry, w.surface)
+    density.mark_surface(w.density, w.asymmetry, sim.lattice.density, 0.9 * sim.lattice.asymmetry, w.surface)
     if s.position == "start":
         w.surface[p.liquid : p.rows] = 0
     else:  # the papers' wall particles can be in the surface, and then have no pressure
@@ -277,6 +281,29 @@ def measure_density(sim):
         density.invert(w.matrix, s.divergence_floor, sim.dimension, w.inverse)
         gradient.add_missing_moment(w.matrix, w.surface, w.lean, sim.lattice.density, sim.dimension, w.full)
         density.invert(w.full, s.gradient_floor, sim.dimension, w.full)
+
+
+def locate_surface(sim):
+    """Normals of the free surface, and its mean distance from the particles below it."""
+    p, w = sim.particles, sim.work
+    density.surface_normals(
+        p.position, w.asymmetry, w.surface, *sim.pairs.wet, sim.strength, p.liquid, w.surface_normal
+    )
+    if sim.step_number % VOLUME_EVERY:
+        return
+    found = density.row_density(
+        p.position,
+        p.kind,
+        w.surface,
+        w.surface_normal,
+        *sim.pairs.lists,
+        sim.l0,
+        sim.scheme.radius,
+        sim.lattice.row_density,
+        p.liquid,
+    )
+    total, count = sim.domain.sum(np.array(found))
+    sim.surface_distance = 0.5 * sim.l0 * (total / count if count else 1.0)
 
 
 def measure_volume(sim):
@@ -301,10 +328,9 @@ def smooth_density(sim):
         Where the support is whole: away from the surface.
     """
     p, s, w = sim.particles, sim.scheme, sim.work
-    sim.wide_pairs.find(p)
-    density.smooth_density(
-        sim.wide_pairs.lists[0], sim.wide_pairs.square, sim.l0, s.volume_radius, p.liquid, w.smooth
-    )
+    wide = sim.wide_pairs
+    for begin, end in wide.parts(p):
+        density.smooth_density(wide.lists[0], wide.square, sim.l0, s.volume_radius, end - begin, w.smooth[begin:end])
     near = w.near
     near[:] = w.surface
     for _ in range(math.ceil(s.volume_radius / s.radius)):
@@ -484,6 +510,7 @@ def solve_pressure(sim):
         sim.dimension,
         sim.liquids.reference,
         0.5 if s.gradient == "corrected" else 1.0,
+        sim.surface_distance,
         s.surface == "ghost",
         *blocks.arrays,
         blocks.at_diagonal,
@@ -549,7 +576,7 @@ def pressure_gradient(sim):
             *sim.pairs.wet,
             sim.strength,
             w.full,
-            sim.l0,
+            sim.surface_distance,
             sim.lattice.density,
             sim.dimension,
             p.liquid,
@@ -580,9 +607,6 @@ def pressure_gradient(sim):
 def move(sim):
     """r^(n+1) = r^n + dt v^(n+1), with shifting; surface particles keep half a spacing below the surface."""
     p, s, w = sim.particles, sim.scheme, sim.work
-    density.surface_normals(
-        p.position, w.asymmetry, w.surface, *sim.pairs.wet, sim.strength, p.liquid, w.surface_normal
-    )
     beyond = None
     if w.near_interface is not None:
         beyond = w.near_interface.beyond
@@ -598,6 +622,7 @@ def move(sim):
         w.gradient,
         sim.l0,
         sim.surface_lean,
+        sim.surface_distance,
         min(s.shifting * (sim.grid_number + sim.courant), 0.2),
         sim.dt,
         p.liquid,

@@ -13,7 +13,7 @@ from pydantic import Field, ValidationInfo, model_validator
 from scipy.stats import qmc
 
 from parmps.errors import InputError
-from parmps.fields import Name, Number, Section, setting, show, validated
+from parmps.fields import Command, Name, Number, Option, Section, setting, show, validated
 from parmps.loader import parse_job, read_text, read_yaml
 from parmps.scene import InputPath, Job
 from parmps.signals import MEASURES
@@ -23,7 +23,6 @@ MAX_CASES = 10_000
 
 Key = Annotated[str, Field(min_length=1, max_length=200)]
 Values = dict[Key, Any]
-Option = Annotated[str, Field(pattern=r"^--?[^\s\x00-\x1f][^\x00-\x1f]*$", max_length=200)]
 Range = Annotated[tuple[Number, ...], Field(min_length=2, max_length=2)]
 
 
@@ -59,6 +58,10 @@ class Runs(Section):
     )
     jobs: int = setting("cases that run at a time", default=1, ge=1, le=1000, strict=True)
     ranks: int = setting("MPI ranks of each case", default=1, ge=1, le=100_000, strict=True)
+    launcher: Command | None = setting(
+        "command that starts the ranks, such as srun --mpi=pmix or mpirun -n 4 --bind-to core; null: mpirun",
+        default=None,
+    )
     slurm: Annotated[tuple[Option, ...], Field(max_length=50)] = setting(
         "options of sbatch for the array script, such as --time=02:00:00", default=()
     )

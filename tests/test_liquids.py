@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from parmps.domain import Domain
-from parmps.interfaces import correct_acceleration, correct_divergence
+from parmps.interfaces import correct_acceleration, correct_divergence, find_curvature
 from parmps.kernels import viscosity
 from parmps.kernels.weight import lattice
 from parmps.liquids import Liquids
@@ -171,6 +171,26 @@ def test_curvature_of_a_disc(start):
     p = sim.particles
     jump = p.pressure[: p.liquid][r < 0.2].mean() - p.pressure[: p.liquid][r > 0.4].mean()
     assert jump == pytest.approx(1.0 / 0.3, rel=0.1)
+
+
+@pytest.mark.parametrize("amplitude", [0.0005, 0.003])
+def test_curvature_of_a_wave_that_stands_on_walls(start, amplitude):
+    """Waves of a twentieth of a spacing, too, and up to the walls, whose particles stay where they are."""
+    sim = start(two(more="interfaces: [{between: [a, b], surface_tension: 1.0}]\n"))
+    p, k = sim.particles, np.pi / 0.2
+    x, z = p.position[: p.liquid, 0].copy(), p.position[: p.liquid, 2].copy()
+    side = np.where(z < 0.06, 1.0, -1.0)
+    # a particle below a crest is lifted, and pushed in below, out above
+    p.position[: p.liquid, 2] += amplitude * np.exp(-k * np.abs(z - 0.06)) * np.cos(k * x)
+    p.position[: p.liquid, 0] -= amplitude * side * np.exp(-k * np.abs(z - 0.06)) * np.sin(k * x)
+    ready(sim)
+    find_curvature(sim)
+    first = np.abs(z - 0.06) < sim.l0
+    found = (side * sim.work.bend[: p.liquid])[first]
+    wanted = amplitude * k * k * np.cos(k * x[first])
+    share = 2.0 * np.mean(found * np.cos(k * x[first])) / (amplitude * k * k)
+    assert share == pytest.approx(1.0, abs=0.3)  # of the order of k l0
+    np.testing.assert_allclose(found, wanted, atol=0.5 * amplitude * k * k)
 
 
 # Whole simulations

@@ -48,6 +48,18 @@ def test_the_estimate_for_large_tanks_is_near_the_count(changes):
         assert estimate[name] == pytest.approx(exact[name], rel=0.06), name
 
 
+@pytest.mark.parametrize(
+    "tank",
+    [
+        "{shape: prism, size: [1.0, 0.8], chamfer: {bottom: [0.3, 0.3], top: [0.3, 0.3]}}",
+        "{shape: cylinder, size: [0.8, 0.8]}",
+    ],
+)
+def test_the_estimate_knows_what_other_tanks_hold(tank):
+    job = load_job("jobs/sloshing.yaml", [f"tank={tank}", "probes=[]"])
+    assert estimate_particles(job, 3)[0]["fluid"] == pytest.approx(count_particles(job, "half")[0]["fluid"], rel=0.01)
+
+
 def test_a_tank_of_any_size_is_planned_at_once():
     start = time.process_time()
     text = plan_text(load_job("jobs/sloshing.yaml", ["spacing=1e-5"]), Domain())

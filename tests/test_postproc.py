@@ -104,6 +104,10 @@ def test_histories_show_the_run_and_the_reference(tmp_path):
     run, other = read_signals(tmp_path / "probes.csv"), read_signals(tmp_path / "other" / "probes.csv")
     figure = draw_histories({"a": run}, other)
     assert len(figure.axes) == 5  # pressure, height, force x, force z, moment
+    baffles = [(name.replace("load", "load.baffle1"), unit, values) for name, unit, values in run[1][4:]]
+    panels = draw_histories({"a": (run[0], run[1] + baffles)}).axes
+    assert [len(panel.lines) for panel in panels] == [2, 2, 1, 1, 1, 1, 1, 1]
+    assert panels[3].get_ylabel() == "Force per width x\non baffles\n[N/m]"
     panel = figure.axes[0]
     assert panel.get_ylabel() == "Pressure\n[kPa]"
     lines = {line.get_label(): line for line in panel.lines}
@@ -190,7 +194,58 @@ def test_a_report_holds_all_pictures_itself(results):
     assert "has not ended yet" in page
 
 
-@pytest.mark.parametrize("content", [None, "time [s],P1 [Pa]\n", "time [s],P1 [Pa]\n0,text\n"])
+def test_a_report_may_be_a_pdf_with_a_page_a_section(results):
+    assert plot("report", results, "--format", "pdf") == 0
+    data = (results / "report.pdf").read_bytes()
+    assert data.startswith(b"%PDF-") and data.rstrip().endswith(b"%%EOF")
+    assert data.count(b"/Type /Page ") == 9  # run, probes, peaks, spectra, phases, two snapshots, job on two
+
+
+def test_titles_stand_as_they_are(results):
+    """Dollar signs begin no formula."""
+    view = make_view(results, "pressure")
+    view.job = view.job.model_copy(update={"title": r"costs $5 or $\bad"})
+    figure = draw_snapshots(results, view, [0.0])
+    figure.savefig(results / "title.png")
+    assert figure.get_suptitle() == view.job.title
+
+
+@pytest.mark.parametrize(
+    ("baffle", "spans"),
+    [
+        ("x: 0.4, bottom: 0.0, top: 0.3", [(0.0, 0.3)]),
+        ("x: 0.4, bottom: 0.0, top: 0.3, width: [0.3, 0.4]", []),
+        ("x: 0.4, bottom: 0.0, top: 0.3, openings: [[[0.05, 0.1], [0.15, 0.2]]]", [(0.0, 0.1), (0.2, 0.3)]),
+        ("x: 0.4, bottom: 0.0, top: 0.3, openings: [[[0.2, 0.1], [0.3, 0.2]]]", [(0.0, 0.3)]),
+        ("z: 0.2, left: 0.1, right: 0.7, openings: [[[0.2, 0.05], [0.3, 0.15]]]", [(0.1, 0.2), (0.3, 0.7)]),
+        ("x: 0.4, ring: 0.05", [(0.0, 0.05), (0.35, 0.4)]),
+        ("x: 0.4, ring: 0.12", [(0.0, 0.4)]),
+        ("z: 0.2, ring: 0.05", [(0.0, 0.05), (0.75, 0.8)]),
+    ],
+)
+def test_baffles_are_drawn_as_the_slice_cuts_them(baffle, spans):
+    job = parse_job(
+        f"dimension: 3\nspacing: 0.02\ntank: {{size: [0.8, 0.4, 0.4], baffles: [{{thickness: 0.02, {baffle}}}]}}\n"
+        "fluids: [{name: water, depth: 0.2}]\ntime: {end: 1.0}\n"
+    )
+    along = 2 if "x:" in baffle else 0
+    drawn = [(solid[:, along].min(), solid[:, along].max()) for solid in View(job, "speed", True, 0.1).solids]
+    np.testing.assert_allclose(drawn, spans, atol=1e-12)
+
+
+def test_a_surface_is_drawn_as_the_slice_cuts_it(tmp_path):
+    creation = pytest.importorskip("trimesh.creation")
+    creation.icosphere(4, 0.2).export(tmp_path / "ball.stl")
+    job = parse_job(
+        f"dimension: 3\nspacing: 0.05\ntank: {{shape: stl, size: [0.4, 0.4, 0.4], surface: {tmp_path / 'ball.stl'}}}\n"
+        "fluids: [{name: water, depth: 0.2}]\ntime: {end: 1.0}\n"
+    )
+    edges = View(job, "speed", True, 0.1).edges
+    radius = np.hypot(edges[..., 0] - 0.2, edges[..., 2] - 0.2)
+    np.testing.assert_allclose(radius, np.sqrt(0.2**2 - 0.1**2), rtol=0.01)
+
+
+@pytest.mark.parametrize("content", [None, "time [s]\n0\n1\n", "time [s],P1 [Pa]\n", "time [s],P1 [Pa]\n0,text\n"])
 def test_probes_that_cannot_be_drawn_give_one_message(tmp_path, content, capsys):
     if content:
         (tmp_path / "probes.csv").write_text(content)

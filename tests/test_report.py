@@ -1,10 +1,11 @@
 """What a person reads: log, progress and timer table."""
 
 import pytest
+from numba.core import event
 
 from parmps import report
 from parmps.errors import OutputError
-from parmps.report import RunLog, advice, duration, timer_table
+from parmps.report import Compilation, RunLog, advice, command_line, duration, timer_table
 
 
 class Clock:
@@ -55,11 +56,12 @@ def test_a_restart_adds_to_the_log_and_counts_from_its_start(tmp_path, clock, ca
     path.write_text("before\n")
     log = RunLog(path, terminal=False)
     log.start(9.0, 10.0)
-    clock.now += 20.0
-    log.progress(9.5, 900, 0.05, 7)
+    for step, time in enumerate((9.25, 9.5), start=899):
+        clock.now += 20.0
+        log.progress(time, step, 0.05, 7)
     log.close()
-    assert path.read_text().startswith("before\nt = 9.5000 s")
-    assert "20 s left" in capsys.readouterr().out
+    assert "before\nt = 9.2500 s" in path.read_text()
+    assert "t = 9.5000 s of 10 s   step 900   dt = 50 ms   7 iterations   40 s left" in capsys.readouterr().out
 
 
 def test_a_log_that_cannot_be_written_is_an_output_error(tmp_path):
@@ -88,11 +90,12 @@ def test_timer_table_is_sorted_and_adds_up():
     assert len({len(line) for line in lines}) == 1
 
 
-def record(wall=100.0, ranks=1, iterations=5.0, rebuilds=10, **stages):
+def record(wall=100.0, ranks=1, iterations=5.0, rebuilds=10, compiling=0.0, **stages):
     times = {name: {"max": 1.2 * s if ranks > 1 and name == "move" else s, "mean": s} for name, s in stages.items()}
     ksp = {"iterations_mean": iterations, "iterations_max": 99, "rebuilds": rebuilds}
     particles = {"total": 5000}
-    return {"wall_seconds": wall, "ranks": ranks, "stage_seconds": times, "ksp": ksp, "particles": particles}
+    counts = {"ranks": ranks, "ksp": ksp, "particles": particles}
+    return {"wall_seconds": wall, "compile_seconds": compiling, "stage_seconds": times, **counts}
 
 
 def test_advice_names_what_was_expensive_and_nothing_else():
@@ -103,7 +106,7 @@ def test_advice_names_what_was_expensive_and_nothing_else():
     assert advice(record(pressure=20.0, move=75.0, rebuilds=500), 1000) == []
     (many,) = advice(record(pressure=95.0, iterations=80.4), 1000)
     assert "80 iterations a step" in many and "ksp_rtol" in many
-    (files,) = advice(record(pressure=50.0), 1000)
+    (files,) = advice(record(pressure=50.0, results=50.0), 1000)
     assert "50% of the time" in files and "output.probes_every" in files
     (halo,) = advice(record(ranks=4, halo=40.0, pressure=55.0), 1000)
     assert "1250 particles a rank" in halo
@@ -111,3 +114,37 @@ def test_advice_names_what_was_expensive_and_nothing_else():
     slow["stage_seconds"]["pressure"]["max"] = 85.0
     (waited,) = advice(slow, 1000)
     assert "44%" in waited and "more ranks than free cores" in waited
+
+
+def test_a_first_run_is_told_about_compiling_and_nothing_else():
+    (only,) = advice(record(compiling=60.0, results=40.0, pressure=60.0, rebuilds=500), 20)
+    assert only.startswith("60% of the time went into compiling")
+
+
+def test_compiling_is_announced_once_and_counted_with_what_it_calls(monkeypatch):
+    moments = iter([1.0, 4.0, 10.0, 10.5])
+    monkeypatch.setattr(event, "timer", lambda: next(moments))
+    said = []
+    compilation = Compilation(said.append)
+    assert compilation.seconds == 0.0
+    for notice in "start", "start", "end", "end", "start", "end":
+        getattr(compilation, f"on_{notice}")(None)
+    assert compilation.seconds == pytest.approx(3.5)
+    assert said == ["Compiling the kernels; later runs find them compiled."]
+
+
+def test_commands_can_be_pasted(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    words = (tmp_path / ".venv" / "python", "/opt/plot.py", tmp_path / "my run")
+    assert command_line(*words) == ".venv/python /opt/plot.py 'my run'"
+
+
+def test_the_time_left_is_that_after_the_first_step(tmp_path, clock, capsys):
+    log = RunLog(tmp_path / "run.log", terminal=False)
+    log.start(0.0, 1.0)
+    clock.now += 100.0  # compiling
+    log.progress(0.1, 1, 0.1, 7)
+    clock.now += 6.0
+    log.progress(0.2, 2, 0.1, 7)
+    first, second = capsys.readouterr().out.splitlines()
+    assert first.endswith("unknown time left") and second.endswith("48 s left")

@@ -15,7 +15,7 @@ from test_cli import ENVIRONMENT, JOB
 from parmps import campaign, cli
 from parmps.errors import InputError
 from parmps.figures.charts import draw_measure
-from parmps.figures.page import write_sweep_page
+from parmps.figures.page import sweep_sections, write_html
 from parmps.schema import json_schema, schema_table, unit_of_key
 from parmps.signals import measure, read_signals
 from parmps.sweep import Sweep, load_sweep
@@ -99,7 +99,8 @@ BAD = {
     "no such measure": (GRID.replace("kind: rms", "kind: best"), "measures[1].kind: got 'best', must be 'max', 'min'"),
     "too many": (GRID.replace("[5.0, 7.0, 9.0]", str(list(range(1, 6001)))), "grid: has 12000 combinations"),
     "range": (SAMPLE, "sample.ranges.spacing: got 2 to 1"),
-    "script": (GRID + 'run: {slurm: ["--time=1\\nrm x"]}', "run.slurm[0]: "),
+    "script": (GRID + 'run: {slurm: ["--time=1\\nrm x"]}', "run.slurm[0]: got '--time=1\\nrm x', must be one option"),
+    "launcher": (GRID + 'run: {launcher: "srun; \'rm x"}', "must be words without quotes"),
     "alias": (GRID + "run: &x {jobs: 2}\nnext: *x", "aliases"),
 }
 
@@ -129,7 +130,8 @@ def test_missing_cases_run_failures_are_recorded_and_the_rest_goes_on(write, tmp
     assert float(done["greatest pressure [Pa]"]) == pytest.approx(measure("max", seconds, pressure), rel=1e-7)
     assert float(done["force [N/m]"]) == pytest.approx(measure("rms", seconds, force, 0.005), rel=1e-7)
     assert (out / "greatest pressure.png").stat().st_size > 5000
-    page = write_sweep_page(load_sweep(path)[0]).read_text()
+    title, sections, place = sweep_sections(load_sweep(path)[0])
+    page = write_html(place / "report.html", title, sections).read_text()
     assert page.count("data:image/png;base64,") == 2 and "<td>002</td>" in page
 
     (out / "001" / "checkpoint.h5.tmp").rmdir()
@@ -188,6 +190,31 @@ def test_scripts(write, tmp_path, capfd):
     assert [row["status"] for row in table(tmp_path)] == ["done"]
     assert command(path, "--script", "shell") == 2
     assert "no case is missing" in capfd.readouterr().err
+
+
+def test_a_script_that_is_stopped_has_its_case_saved_and_continues_it(write, tmp_path, capfd):
+    """As by a Slurm time limit, which sends USR1 to the script alone, or by a person at the terminal."""
+    path = write(TWO.replace("[5.0, 7.0]", "[7.0]").replace("time.end: 0.02", "time.end: 0.5"))
+    log = tmp_path / "out" / "sweep" / "001" / "probes.csv"
+    assert command(path, "--script", "shell") == 0
+    (tmp_path / "sweep.sh").write_text(capfd.readouterr().out)
+    with subprocess.Popen(["bash", tmp_path / "sweep.sh"], env=ENVIRONMENT, stdout=subprocess.DEVNULL) as process:
+        until = time.monotonic() + 60.0
+        while not (log.exists() and log.read_text().count("\n") > 3):
+            assert time.monotonic() < until and process.poll() is None
+            time.sleep(0.01)
+        process.send_signal(signal.SIGUSR1)
+        assert process.wait(timeout=60) == campaign.EARLY_END
+    assert "stopped by signal SIGUSR1" in (log.parent / "run.json").read_text()
+    subprocess.run(["bash", tmp_path / "sweep.sh"], env=ENVIRONMENT, stdout=subprocess.DEVNULL, check=True, timeout=100)
+    np.testing.assert_allclose(read_signals(log)[0], 0.005 * np.arange(101), atol=1e-12)
+
+
+def test_a_launcher_is_used_as_it_is_given(write):
+    sweep, cases = load_sweep(write(TWO + "run: {ranks: 4, launcher: srun --mpi=pmix}\n"))
+    assert campaign.command(sweep, cases[0])[:2] == ["srun", "--mpi=pmix"]
+    assert f"\n    srun --mpi=pmix {sys.executable} -m parmps " in campaign.script(sweep, cases, "slurm")
+    assert "\n    mpirun -n 4 " in campaign.script(load_sweep(write(TWO), {"ranks": 4})[0], cases, "slurm")
 
 
 def test_a_case_that_is_killed_says_by_what(tmp_path):

@@ -64,15 +64,26 @@ motion: [{kind: pitch, amplitude_deg: 20, omega: 6.0}]
 time: {end: 0.4, cfl: 0.4}
 """
 
-
-SPHERE = """
+SHAPES = {
+    "sphere": "shape: sphere, size: [0.5, 0.5, 0.5]",
+    "cylinder": "shape: cylinder, size: [0.6, 0.45, 0.45]",
+    "prism with a ring": "shape: prism, size: [0.6, 0.45, 0.4], chamfer: {bottom: [0.1, 0.1], top: [0.1, 0.1]}, "
+    "baffles: [{x: 0.3, ring: 0.09, thickness: 0.03}]",
+    "box with a ring": "size: [0.6, 0.4, 0.4], baffles: [{x: 0.3, ring: 0.09, thickness: 0.03}]",
+    "perforated baffle": "size: [0.6, 0.3, 0.35], baffles: [{x: 0.3, bottom: 0, top: 0.3, thickness: 0.03, "
+    "openings: [[[0.06, 0.06], [0.13, 0.13]], [[0.17, 0.06], [0.24, 0.13]], [[0.06, 0.17], [0.24, 0.24]]]}]",
+    "thin baffle of partial width": "size: [0.6, 0.4, 0.35], "
+    "baffles: [{x: 0.3, bottom: 0, top: 0.2, thickness: 0.01, width: [0.1, 0.3]}]",
+}
+SHAKEN = """
 dimension: 3
-spacing: 0.01
-tank: {shape: sphere, size: [0.2, 0.2, 0.2]}
+spacing: 0.03
+tank: {%s}
 fluids: [{name: water, fill: 0.5}]
-motion: [{kind: surge, amplitude: 0.02, omega: 8.0}]
-time: {end: 0.3, cfl: 0.4}
+motion: [{kind: pitch, amplitude_deg: 15, omega: 6.0}, {kind: sway, amplitude: 0.03, omega: 6.0}]
+time: {end: 1.0, cfl: 0.4}
 """
+"""Tanks of other shapes, and with other baffles than a plate."""
 
 
 class Case(NamedTuple):
@@ -235,12 +246,13 @@ def cases():
             "motion=[{kind: file, path: sea.csv, centre: [0.15, 0.1, 0.1]}]", "time.end=3", "spacing=0.025",
             "output.probes_every=0.1",
         ), both),
-        Case("sphere, fill 1 %", SPHERE, ("fluids[0].fill=0.01",), both),
-        Case("sphere, fill 99 %", SPHERE, ("fluids[0].fill=0.99",), both),
         Case("more ranks than particles", TANK, (
             "spacing=0.05", "fluids=[{name: water, region: {box: [[0, 0], [0.2, 0.1]]}}]", "time.end=0.2",
         ), many),
         Case("16 ranks on two cores", BOX, ("time.end=0.1",), many),
+        *[Case(f"3D {name}", SHAKEN % tank, (), both) for name, tank in SHAPES.items()],
+        *[Case(f"3D sphere, fill {fill:.0%}", SHAKEN % SHAPES["sphere"], (f"fluids[0].fill={fill}",), both)
+          for fill in (0.01, 0.99)],
     ]  # fmt: skip
 
 

@@ -76,3 +76,20 @@ def roll_response(layers, length, amplitude, omega, centre_height, times, modes=
             done = solve_ivp(rates, (0.0, times[-1]), [0.0, impulse[number]], t_eval=times, rtol=1e-8, atol=1e-12)
             total += np.outer(done.y[0], shape[:, number])
     return total
+
+
+def layer_modes(results):
+    """Elevations of the layers' tops in the first mode, m: (frames, layers), from the centres of the liquids.
+
+    a cos(k x) moves the liquid below by sum (x - L / 2) V = -2 a / k^2: no definition of the interface is needed.
+    The n-th odd mode takes part with 1 / n^2.
+    """
+    job = results.job
+    k, length = np.pi / job.tank.length, job.tank.length
+    volume = length * sum(fluid.depth for fluid in job.fluids) / len(results.liquid(0.0)["fluid"])
+    found = []
+    for time in results.frames:
+        liquid = results.liquid(time)
+        x, number = liquid["position"][:, 0] - length / 2.0, liquid["fluid"]
+        found.append([-0.5 * k * k * volume * x[number <= layer].sum() for layer in range(len(job.fluids))])
+    return np.array(found)

@@ -6,7 +6,7 @@ import numpy as np
 
 from parmps.campaign import results_path
 from parmps.errors import InputError
-from parmps.figures.style import COLOURS, LINES, REFERENCE, finish_panel, new_figure, save
+from parmps.figures.style import COLOURS, LINES, REFERENCE, finish_panel, new_figure, save, set_title
 from parmps.sweep import parameters
 
 MARKERS = ("o", "s", "^", "D", "v", "P")
@@ -21,21 +21,19 @@ def draw_sweep(sweep):
 
     Returns
     -------
-    list of Path
-        The pictures, ``MEASURE.png`` beside the table; none where no case is done.
+    dict of str to matplotlib.figure.Figure
+        By the name of the measure; none where no case is done.
 
     Raises
     ------
     InputError
         If the table or a reference cannot be read.
-    OutputError
-        If a picture cannot be written.
     """
     names = len(parameters(sweep))
     header, rows = read_table(results_path(sweep))
     keys, places = header[1 : names + 1], list(range(names + 1, len(header) - 1))
     done = [row for row in rows if row[-1] == "done"]
-    pictures = []
+    figures = {}
     for item, place in zip(sweep.measures, places, strict=True):
         values = [row for row in done if row[place] != ""]
         if not values:
@@ -44,10 +42,30 @@ def draw_sweep(sweep):
         heights = np.array([float(row[place]) for row in values])
         reference = read_table(item.reference) if item.reference else None
         figure = draw_measure(keys, parts, header[place], heights, reference, sweep.sample is not None)
-        if sweep.title:
-            figure.suptitle(sweep.title, x=0.01, ha="left", fontsize="large")
-        pictures.append(save(figure, results_path(sweep).with_name(f"{item.name}.png")))
-    return pictures
+        set_title(figure, sweep.title)
+        figures[item.name] = figure
+    return figures
+
+
+def save_sweep(sweep):
+    """Draw all measures of a sweep into files.
+
+    Parameters
+    ----------
+    sweep : Sweep
+
+    Returns
+    -------
+    list of Path
+        The pictures, ``MEASURE.png`` beside the table.
+
+    Raises
+    ------
+    InputError, OutputError
+        As `draw_sweep`, or if a picture cannot be written.
+    """
+    beside = results_path(sweep).with_name
+    return [save(figure, beside(f"{name}.png")) for name, figure in draw_sweep(sweep).items()]
 
 
 def read_table(path):

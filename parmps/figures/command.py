@@ -44,6 +44,10 @@ def add_commands(parser):
     command = add("particles", _particles, about, "out/sloshing --time 1 2 3 --field speed")
     command.add_argument("--time", metavar="T", type=float, nargs="+", default=[None], help="s; the last if not given")
     _add_view(command)
+    about = "all particles of a 3D run in its tank, into DIR/space_FIELD.png; needs PyVista"
+    command = add("space", _space, about, "out/baffled_tank_3d --time 1.5 --field speed")
+    command.add_argument("--time", metavar="T", type=float, help="s; the last if not given")
+    _add_colours(command)
     about = "amplitude spectra of the signals, into DIR/spectra.png"
     command = add("spectra", _spectra, about, "out/sloshing --begin 2")
     _add_signals(command)
@@ -59,9 +63,10 @@ def add_commands(parser):
     command.add_argument("--format", choices=("gif", "mp4"), default="gif", help="mp4 needs ffmpeg")
     about = "a figure a measure of a sweep, beside its results.csv"
     add("sweep", _sweep, about, "jobs/sweeps/baffle_height.yaml", "SWEEP.yaml")
-    about = "one HTML page of a run or a sweep, report.html in its directory"
+    about = "one HTML page of a run or a sweep, report.html in its directory, or a PDF"
     command = add("report", _report, about, source="DIR|SWEEP.yaml")
     command.add_argument("--reference", metavar="FILE.csv", help="of a run: signals to draw beside its own")
+    command.add_argument("--format", choices=("html", "pdf"), default="html", help="pdf: a page a section")
 
 
 def _add_signals(command):
@@ -70,15 +75,21 @@ def _add_signals(command):
     command.add_argument("--end", metavar="T", type=float, help="s")
 
 
-def _add_view(command):
+def _add_colours(command):
     command.add_argument("--field", choices=("pressure", "speed", "fluid", "surface"), default="pressure")
     command.add_argument("--frame", choices=("earth", "tank"), default="earth", help="tank: moving with it")
+
+
+def _add_view(command):
+    _add_colours(command)
     command.add_argument("--across", metavar="Y", type=float, help="m; 3D: place of the slice, the middle by default")
 
 
 def _table(directory, arguments):
     """Signals of a run, those asked for in the window asked for."""
     time, signals = read_signals(Path(directory) / "probes.csv")
+    if not signals:
+        raise InputError("", f"{Path(directory) / 'probes.csv'} has no signals: the job has no probes")
     if arguments.signals:
         signals = [find_signal(signals, name) for name in arguments.signals]
     begin = time[0] if arguments.begin is None else arguments.begin
@@ -114,6 +125,15 @@ def _particles(arguments):
     view = make_view(arguments.source, arguments.field, arguments.frame == "earth", arguments.across)
     figure = draw_snapshots(arguments.source, view, arguments.time)
     return _say(save(figure, Path(arguments.source) / f"particles_{arguments.field}.png"))
+
+
+def _space(arguments):
+    from parmps.figures.snapshots import make_view
+    from parmps.figures.space import draw_space
+
+    view = make_view(arguments.source, arguments.field, arguments.frame == "earth")
+    path = Path(arguments.source) / f"space_{arguments.field}.png"
+    return _say(draw_space(arguments.source, view, arguments.time, path))
 
 
 def _animation(arguments):
@@ -155,16 +175,19 @@ def _peaks(arguments):
 
 
 def _sweep(arguments):
-    from parmps.figures.charts import draw_sweep
+    from parmps.figures.charts import save_sweep
     from parmps.sweep import load_sweep
 
-    return _say(*draw_sweep(load_sweep(arguments.source)[0]))
+    return _say(*save_sweep(load_sweep(arguments.source)[0]))
 
 
 def _report(arguments):
-    from parmps.figures.page import write_run_page, write_sweep_page
+    from parmps.figures.page import run_sections, sweep_sections, write_html, write_pdf
     from parmps.sweep import load_sweep
 
     if arguments.source.endswith((".yaml", ".yml")):
-        return _say(write_sweep_page(load_sweep(arguments.source)[0]))
-    return _say(write_run_page(arguments.source, arguments.reference))
+        title, sections, directory = sweep_sections(load_sweep(arguments.source)[0])
+    else:
+        title, sections, directory = run_sections(arguments.source, arguments.reference)
+    write = {"html": write_html, "pdf": write_pdf}[arguments.format]
+    return _say(write(directory / f"report.{arguments.format}", title, sections))

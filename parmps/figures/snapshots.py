@@ -4,9 +4,10 @@ import numpy as np
 
 from parmps.errors import InputError
 from parmps.figures.results import read_frame, read_job, read_times
-from parmps.figures.style import FLUID_COLOURS, SOLID, WIDTH, new_figure
+from parmps.figures.style import FLUID_COLOURS, SOLID, WIDTH, new_figure, set_title
+from parmps.mesh import read_surface
 from parmps.motion import Motion
-from parmps.particles import FLUID, WALL
+from parmps.particles import FLUID
 from parmps.slabs import output_errors
 
 FIELDS = ("pressure", "speed", "fluid", "surface")
@@ -36,6 +37,7 @@ class View:
         self.motion = Motion(job.motion, job.gravity, job.dimension, job.tank) if moves else None
         self.across = (job.tank.size[1] / 2 if across is None else across) if job.dimension == 3 else 0.0
         self.outline, self.solids = _outline(job, self.across)
+        self.edges = _cut_surface(job.tank.surface, self.across) if job.tank.shape == "stl" else []
 
     def to_earth(self, points, time):
         """Take points of the tank to where they are drawn.
@@ -52,10 +54,14 @@ class View:
         (n, 2) float64
             x and z, m.
         """
-        if self.motion is not None:
-            state = self.motion.at(time)
-            points = state.origin + points @ state.rotation.T
-        return points[:, [0, 2]]
+        return self.placed(points, time)[:, [0, 2]]
+
+    def placed(self, points, time):
+        """As `to_earth`, in three dimensions: (n, 3), m."""
+        if self.motion is None:
+            return points
+        state = self.motion.at(time)
+        return state.origin + points @ state.rotation.T
 
     def turn(self, time):
         """Angle of the tank in the picture, positive when the right end is down.
@@ -100,9 +106,9 @@ class View:
         rows = np.flatnonzero((arrays["type"] == FLUID) & (near | (self.job.dimension == 2)))
         return self.to_earth(arrays["position"][rows], frame.time), rows
 
-    def values(self, frame):
-        """What colours the liquid: one number a particle of `liquid`, in the unit of the colour bar."""
-        rows = self.liquid(frame)[1]
+    def values(self, frame, rows=None):
+        """What colours the liquid: one number a particle, in the unit of the colour bar; of `liquid` by default."""
+        rows = self.liquid(frame)[1] if rows is None else rows
         if self.field == "pressure":
             return frame.arrays["pressure"][rows] * 1e-3
         if self.field == "speed":
@@ -129,13 +135,41 @@ def _outline(job, across):
         corners += [(length - c, height), (c, height), (0.0, height - d), (0.0, b)]
     solids = []
     for baffle in job.tank.baffles:
-        if baffle.width is not None and not baffle.width[0] <= across <= baffle.width[1]:
-            continue
         half = baffle.thickness / 2
-        x = (baffle.x - half, baffle.x + half) if baffle.vertical else (baffle.left, baffle.right)
-        z = (baffle.bottom, baffle.top) if baffle.vertical else (baffle.z - half, baffle.z + half)
-        solids.append([(x[0], z[0]), (x[1], z[0]), (x[1], z[1]), (x[0], z[1])])
+        for first, last in _spans(job, baffle, across):
+            x = (baffle.x - half, baffle.x + half) if baffle.vertical else (first, last)
+            z = (first, last) if baffle.vertical else (baffle.z - half, baffle.z + half)
+            solids.append([(x[0], z[0]), (x[1], z[0]), (x[1], z[1]), (x[0], z[1])])
     return _points(corners, across), [_points(solid, across) for solid in solids]
+
+
+def _cut_surface(path, across):
+    """Edges (n, 2, 3), m, at which a slice cuts a surface of triangles."""
+    from trimesh.intersections import mesh_plane
+
+    return mesh_plane(read_surface(path), [0.0, 1.0, 0.0], [0.0, across, 0.0])
+
+
+def _spans(job, baffle, across):
+    """Parts of a plate that a slice cuts: from where to where along its height (vertical) or length, m."""
+    size = job.tank.size
+    width = baffle.width or (0.0, size[1])
+    if job.dimension == 3 and not width[0] <= across <= width[1]:
+        return []
+    holes = baffle.openings
+    if baffle.ring is not None:
+        plane = (1, 2) if baffle.vertical else (0, 1)
+        holes = [([baffle.ring] * 2, [size[axis] - baffle.ring for axis in plane])]
+        parts = [_heights(job, across) if baffle.vertical else (0.0, job.tank.length)]
+    else:
+        parts = [(baffle.bottom, baffle.top) if baffle.vertical else (baffle.left, baffle.right)]
+    across_first = 0 if baffle.vertical else 1  # the corners of an opening are (y, z) or (x, y)
+    for low, high in holes:
+        if low[across_first] < across < high[across_first]:
+            along = 1 - across_first
+            cut = [((first, min(last, low[along])), (max(first, high[along]), last)) for first, last in parts]
+            parts = [part for pair in cut for part in pair if part[0] < part[1]]
+    return parts
 
 
 def _heights(job, across):
@@ -192,7 +226,7 @@ def draw_panel(axes, view, frame, top, limits):
     matplotlib collection
         The coloured particles, for a colour bar.
     """
-    from matplotlib.collections import EllipseCollection
+    from matplotlib.collections import EllipseCollection, LineCollection
     from matplotlib.patches import Polygon
 
     at, rows = view.liquid(frame)
@@ -208,7 +242,9 @@ def draw_panel(axes, view, frame, top, limits):
         half = len(tank) // 2 + 1  # the corners run from the bottom round; an open tank has none along its top
         tank = np.roll(tank, len(tank) - half, axis=0)
     if view.job.tank.shape == "stl":
-        _draw_walls(axes, view, frame)
+        axes.add_collection(
+            LineCollection([view.to_earth(edge, frame.time) for edge in view.edges], colors=SOLID, linewidths=1.6)
+        )
     else:
         axes.add_patch(Polygon(tank, closed=lid, fill=False, edgecolor=SOLID, linewidth=1.6, joinstyle="round"))
     for solid in view.solids:
@@ -219,14 +255,6 @@ def draw_panel(axes, view, frame, top, limits):
     tilt = f", tank turned by {angle:+.1f}°" if abs(angle) > 0.05 else ""
     axes.set_title(f"t = {frame.time:.3f} s{tilt}", loc="left", fontsize="medium")
     return shown
-
-
-def _draw_walls(axes, view, frame):
-    """Draw the wall particles of the slice, for a tank whose section is known by them alone."""
-    arrays = frame.arrays
-    near = np.abs(arrays["position"][:, 1] - view.across) <= 0.5 * view.job.spacing
-    x, z = view.to_earth(arrays["position"][near & (arrays["type"] == WALL)], frame.time).T
-    axes.plot(x, z, ".", color=SOLID, markersize=2.0)
 
 
 def _key(figure, axes, view, shown, low, high):
@@ -284,8 +312,7 @@ def _figure(view, limits, rows, columns, show=False):
         panel.set_xlabel("x [m]")
     for panel in panels[:, 0]:
         panel.set_ylabel("z [m]")
-    if view.job.title:
-        figure.suptitle(view.job.title, x=0.01, ha="left", fontsize="large")
+    set_title(figure, view.job.title)
     return figure, panels
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from parmps.figures.style import FLUID_COLOURS, new_figure, save
+from parmps.figures.style import FLUID_COLOURS, new_figure, save, set_title
 from parmps.kernels.walls import distances
 from parmps.particles import DUMMY, FLUID, WALL
 from parmps.simulation import wall_layers
@@ -41,7 +41,7 @@ def draw_plan(job, path):
         _draw_layer(axes, job, start, axis, groups)
     patches = [Patch(color=colour, label=label) for colour, label, chosen in groups if chosen.any()]
     panels[0, -1].legend(handles=patches, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
-    panels[0, 0].set_title(job.title, loc="left")
+    set_title(figure, job.title)
     save(figure, path)
 
 

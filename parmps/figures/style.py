@@ -1,5 +1,6 @@
 """What all figures share: colours, panels, and how a figure is saved."""
 
+import warnings
 from pathlib import Path
 
 try:
@@ -10,6 +11,10 @@ except ImportError:
     raise InputError("", "figures need matplotlib: pip install matplotlib") from None
 
 from parmps.slabs import output_errors
+
+# What a title asks for and the font has not is drawn as a box, which says enough.
+warnings.filterwarnings("ignore", r"Glyph \d+ .* missing from")
+matplotlib.rcParams["figure.max_open_warning"] = 0  # a report holds all its figures before it is written
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 """Okabe and Ito's palette, distinguishable by the colour-blind; without its yellow, too pale for lines."""
@@ -95,7 +100,22 @@ def finish_panel(panel, legend=True):
     panel.grid(alpha=0.3)
     panel.spines[["top", "right"]].set_visible(False)
     if legend:
-        panel.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+        key = panel.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+        for text in key.get_texts():
+            text.set_parse_math(False)  # names may hold dollar signs
+
+
+def set_title(figure, title):
+    """Write the title of a figure above all panels, as it stands in the job or sweep.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    title : str
+        None if empty.
+    """
+    if title:
+        figure.suptitle(title, x=0.01, ha="left", fontsize="large", parse_math=False)
 
 
 def panel_key(name, unit):
@@ -104,17 +124,19 @@ def panel_key(name, unit):
     Parameters
     ----------
     name, unit : str
-        Of a signal. Forces and moments whose name ends in x, y or z are kept apart by that component: the
-        weight of the liquid would flatten the others.
+        Of a signal. Forces and moments whose name ends in x, y or z are kept apart by that component, and those
+        on baffles from those on the tank: the weight of the liquid would flatten the others.
 
     Returns
     -------
     tuple
-        Rank of the unit, unit and component.
+        Rank of the unit, unit, component and part of the tank.
     """
     known = list(QUANTITIES)
-    component = name[-1:] if unit.startswith("N") and name[-1:] in ("x", "y", "z") else ""
-    return (known.index(unit) if unit in known else len(known), unit, component)
+    load = unit.startswith("N")
+    component = name[-1:] if load and name[-1:] in ("x", "y", "z") else ""
+    part = "on baffles" if load and ".baffle" in name else ""
+    return (known.index(unit) if unit in known else len(known), unit, component, part)
 
 
 def scaled_label(key, largest):
@@ -134,7 +156,7 @@ def scaled_label(key, largest):
     label : str
         Quantity and unit.
     """
-    _, unit, component = key
+    _, unit, component, part = key
     scale, prefix = (1e-3, "k") if unit.startswith(("Pa", "N")) and largest >= 2000.0 else (1.0, "")
-    quantity = " ".join([QUANTITIES.get(unit, "Signal"), component]).strip()
-    return scale, f"{quantity}\n[{prefix}{unit or '-'}]"
+    quantity = " ".join(filter(None, [QUANTITIES.get(unit, "Signal"), component]))
+    return scale, "\n".join(filter(None, [quantity, part, f"[{prefix}{unit or '-'}]"]))

@@ -17,7 +17,7 @@ def corrected_gradient(
     other,
     strength,
     inverse,
-    l0,
+    surface_distance,
     n0,
     dimension,
     rows,
@@ -29,7 +29,7 @@ def corrected_gradient(
 ):
     """Gradient from P_j - P_i with the inverse moment matrix, exact for linear fields (Duan 2018).
 
-    In the surface, zero pressure half a spacing above the particle takes part with the missing neighbours'
+    In the surface, zero pressure on the surface above the particle takes part with the missing neighbours'
     weight, as in the pressure equation; its moment must be in ``inverse``. Suction in surface particles,
     which only noise makes, does not act.
 
@@ -46,8 +46,8 @@ def corrected_gradient(
         W / r_ij^2, as made by `strengths`.
     inverse : (rows, 6) float64
         Inverse moment matrices, the missing neighbours' moments included.
-    l0 : float
-        Spacing, m.
+    surface_distance : float
+        From surface particles to the free surface, m.
     n0 : float
         Lattice number density.
     dimension, rows : int
@@ -76,7 +76,7 @@ def corrected_gradient(
             if dimension == 3:
                 gy += s * (position[j, 1] - y)
         if surface[i] != 0:
-            s = 2.0 * here / l0
+            s = here / surface_distance
             if fluid is not None:
                 s *= volume[fluid[i], fluid[i]]
             gx -= s * lean[i, 0]

@@ -14,6 +14,7 @@ VARIANTS = {
         "dimension=3",
         "tank.size=[0.2, 0.1, 0.4]",
         "time.end=5",
+        "time.max_step=0.01",
         "probes=[{name: level1, kind: elevation, at: [0.1, 0.05]}]",
     ],
 }
