@@ -167,7 +167,6 @@ class Simulation:
         self.work_done = 0.0  # of the body force on this rank's liquid, J
         self.iterations, self.iterations_max = 0, 0
         self.step_min, self.step_max = math.inf, 0.0
-        self.floating = Floating(np.full(0, -1), 0)
         self.started = False
         self.distribute()
         self.initial_energy = self.kinetic_energy()
@@ -186,7 +185,7 @@ class Simulation:
         if self.velocity_solver is not None:
             self.velocity_solver.new_layout(p.rows)
         self._sorted_at = self.step_number
-        self._check_floating = True
+        self.floating, self._check_floating = Floating(np.full(0, -1), 0), True
         self.rebuild_halo()
 
     def rebuild_halo(self):

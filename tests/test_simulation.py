@@ -101,6 +101,18 @@ def test_shaken_full_tank(start):
     assert np.ptp(p.position[: p.liquid, 2]) == pytest.approx(0.19, rel=0.01)
 
 
+def test_a_full_tank_that_pitches_stays_even(start):
+    sim = start(
+        "dimension: 3\nspacing: 0.02\ntank: {size: [0.3, 0.2, 0.2]}\nfluids: [{name: water, depth: 0.2}]\n"
+        "motion: [{kind: pitch, amplitude_deg: 20, omega: 6.0}]\ntime: {end: 0.4}\n"
+    )
+    while sim.time < 0.4:
+        sim.step(0.4)
+    assert abs(sim.volume_drift()) < 0.005
+    assert sim.energy_drift() < 0.005
+    assert sim.work.density[: sim.particles.liquid].max() < 1.3 * sim.lattice.density
+
+
 def test_full_compartments_beside_a_partly_filled_one(start):
     baffles = (
         "[{x: 0.1, bottom: 0, top: 0.2, thickness: 0.02}, {x: 0.2, bottom: 0, top: 0.2, thickness: 0.02}]"
