@@ -26,9 +26,9 @@ PRESETS = {
         "courant": 0.2,
         "ksp_rtol": 1e-6,
     },
-    "fast": {"courant": 0.8, "steady_step": 0.4},
+    "fast": {"courant": 0.6, "steady_step": 0.4},
     "balanced": {},
-    "accurate": {"ksp_rtol": 1e-5},
+    "accurate": {"steady_step": 0.125},
 }
 
 PresetName = Literal["papers", "fast", "balanced", "accurate"]
