@@ -259,7 +259,7 @@ def test_a_surface_is_drawn_as_the_slice_cuts_it(tmp_path):
     np.testing.assert_allclose(radius, np.sqrt(0.2**2 - 0.1**2), rtol=0.01)
 
 
-@pytest.mark.filterwarnings("error")
+@pytest.mark.filterwarnings("error::UserWarning")
 def test_a_signal_that_is_nought_and_too_few_samples(tmp_path, capsys):
     write_particles(tmp_path)
     rows = "".join(f"{0.1 * n},0\n" for n in range(8))
