@@ -332,8 +332,7 @@ def _plan(job, arguments, domain):
             if arguments.png:
                 from parmps.figures.start import draw_plan
 
-                draw_plan(job, arguments.png)
-                print(f"\nThe particles at the start are drawn in {arguments.png}")
+                print(f"\nThe particles at the start are drawn in {draw_plan(job, arguments.png)}")
         except ParmpsError as problem:
             error = problem
     error = domain.share(error)
