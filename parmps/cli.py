@@ -15,7 +15,7 @@ from parmps.errors import InputError, ParmpsError
 from parmps.interrupt import Interrupt
 from parmps.loader import load_job
 from parmps.scene import Job
-from parmps.schema import json_schema, schema_table
+from parmps.schema import json_schema, schema_markdown, schema_table
 
 SECONDS_TO_END = 5.0
 """How long a rank with an error waits for the others to come to the same end before it ends them."""
@@ -133,7 +133,9 @@ def _plan_parser():
 
 def _schema_parser():
     parser = _parser("schema", "Prints every key of a job: type, unit, default and meaning.", SCHEMA_HELP)
-    parser.add_argument("--json", action="store_true", help="print the JSON Schema, for editors")
+    form = parser.add_mutually_exclusive_group()
+    form.add_argument("--json", action="store_true", help="print the JSON Schema, for editors")
+    form.add_argument("--markdown", action="store_true", help="print a table, as in the README")
     parser.add_argument("--sweep", action="store_true", help="the keys of a sweep file instead")
     return parser
 
@@ -256,7 +258,10 @@ def _print_schema(arguments):
     from parmps.sweep import Sweep
 
     model = Sweep if arguments.sweep else Job
-    print(json.dumps(json_schema(model), indent=2) if arguments.json else schema_table(model))
+    if arguments.json:
+        print(json.dumps(json_schema(model), indent=2))
+    else:
+        print(schema_markdown(model) if arguments.markdown else schema_table(model))
 
 
 def _sweep(arguments):
@@ -295,6 +300,7 @@ def _prepare(domain):
 
                 job = load_job(arguments.job, arguments.set)
                 require_supported(job)
+                _check_restart(getattr(arguments, "restart", None))
                 for warning in job_warnings(job):
                     print(f"parmps: warning: {warning}", file=sys.stderr, flush=True)
             result = command, arguments, job, None
@@ -306,6 +312,11 @@ def _prepare(domain):
     if result[0] == "exit":
         sys.exit(result[1])
     return result
+
+
+def _check_restart(directory):
+    if directory is not None and not os.path.exists(os.path.join(directory, "checkpoint.h5")):
+        raise InputError("command line", f"--restart {directory}: there is no checkpoint.h5 to continue from")
 
 
 def _plan(job, arguments, domain):

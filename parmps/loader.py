@@ -91,7 +91,10 @@ def read_yaml(text, source):
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = f", line {mark.line + 1}" if mark else ""
-        raise InputError("", f"{source}{line}: {error.problem or error.context}") from None
+        problem = error.problem or error.context
+        if problem.startswith("but ") and error.context:
+            problem = f"{error.context}, {problem}"
+        raise InputError("", f"{source}{line}: {problem}") from None
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
         raise InputError(
@@ -202,9 +205,8 @@ def parse_job(text, overrides=(), file=None, source="job"):
     """
     data = read_yaml(text, source)
     if not isinstance(data, dict):
-        raise InputError(
-            "", f"{source}: got {show(data)}, must be a mapping of keys such as dimension, tank, fluids"
-        )
+        found = "nothing" if data is None else show(data)
+        raise InputError("", f"{source}: got {found}, must be a mapping of keys such as dimension, tank, fluids")
     for override in overrides:
         apply_override(data, override)
     return validated(Job, data, context={"file": file})

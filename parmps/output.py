@@ -67,8 +67,9 @@ def prepare_directory(path, restart):
     """
     path = Path(path)
     with output_errors(path):
-        if path.exists() and not path.is_dir():
-            raise NotADirectoryError(errno.ENOTDIR, "is in the way: not a directory")
+        for place in (path, path / "previous"):
+            if os.path.exists(place) and not place.is_dir():
+                raise OutputError(place, "is in the way: not a directory")
         path.mkdir(parents=True, exist_ok=True)
         # Asking for permissions is not enough: root, network and read-only file systems answer otherwise.
         with tempfile.TemporaryFile(dir=path):

@@ -5,12 +5,13 @@ import math
 import numpy as np
 
 from parmps import waves
+from parmps.expectation import changed_settings, error_class, expected_cost, expected_errors, read_table
 from parmps.hull import build_hull
 from parmps.kernels.weight import lattice
 from parmps.liquids import Liquids
 from parmps.motion import Motion
 from parmps.particles import FIELDS
-from parmps.simulation import HALO_MARGIN, IMPLICIT_GAIN, STEADY_STEP, VISCOUS_STEP, WAVE_STEP, Work, wall_layers
+from parmps.simulation import HALO_MARGIN, IMPLICIT_GAIN, VISCOUS_STEP, WAVE_STEP, Work, wall_layers
 from parmps.stages import make_plan
 from parmps.tank import count_particles, standing_wave
 
@@ -50,6 +51,7 @@ def plan_text(job, domain):
     lines += ["", "Particles" if exact else "Particles (an estimate)", *_particle_lines(counts, spacing, exact)]
     lines += ["", "Memory (an estimate)", *_memory_lines(job, counts, domain.size)]
     lines += ["", "Time steps (an estimate)", *_step_lines(job, spacing)]
+    lines += ["", "Accuracy and cost (by the trade study)", *_trade_lines(job, counts, spacing)]
     lines += ["", "Stages of a step", *_stage_lines(make_plan(job, domain.size))]
     return "\n".join(lines)
 
@@ -228,9 +230,10 @@ def _bound(job, spacing, force, speed):
     if control.max_step is not None:
         bounds.append((control.max_step, "time.max_step"))
     if speed > 0.0:
-        bounds.append((control.cfl * spacing / speed, f"cfl: {control.cfl:g} l0/u"))
+        bounds.append((job.courant * spacing / speed, f"cfl: {job.courant:g} l0/u"))
     if force > 0.0:
-        bounds.append((STEADY_STEP * math.sqrt(spacing / force), f"body force: {STEADY_STEP:g} sqrt(l0/f)"))
+        steady = job.scheme.steady_step
+        bounds.append((steady * math.sqrt(spacing / force), f"body force: {steady:g} sqrt(l0/f)"))
     if force > 0.0 and job.scheme.position == "moved":
         wave = math.sqrt(force * _depth(job))
         bounds.append((WAVE_STEP * spacing / wave, f"explicit move: {WAVE_STEP:g} l0/sqrt(f h)"))
@@ -283,6 +286,47 @@ def _step_lines(job, spacing):
         steps = f"{math.ceil(job.time.end / step * (1.0 - 1e-9))}"
         rows.append((name, f"{speed:.3g} m/s", f"{step * 1e3:.3g} ms", steps, bound))
     return [*_table(rows), f"  for {job.time.end:g} s; a whole number of steps reaches each probe sample"]
+
+
+# Accuracy and cost
+
+
+def _trade_lines(job, counts, spacing):
+    """What the study's scenes would have for an error with so many rows, and what so many steps cost."""
+    table, source = read_table()
+    preset, rows = job.scheme.preset, _rows(job, spacing)
+    errors = expected_errors(table, preset, job.dimension, rows)
+    cost = expected_cost(table, preset, job.dimension, counts["total"])
+    if cost is None:
+        return [f"  {preset} was not measured in {job.dimension}D"]
+    lines = _table(
+        [("error in the study's", "class", f"at {rows:.3g} rows")]
+        + [(name, error_class(e.value), f"{e.value:.2g} %  {e.beyond}") for name, e in errors.items()]
+    )
+    steps = [math.ceil(job.time.end / step * (1.0 - 1e-9)) for _, _, step, _ in step_estimate(job, spacing)]
+    seconds = " to ".join(f"{count * cost.value:.2g}" for count in sorted({min(steps), max(steps)}))
+    lines.append(f"  {seconds} CPU-seconds for the steps above, in all ranks, {1e3 * cost.value:.2g} ms a step")
+    if cost.beyond:
+        lines.append(f"  {cost.beyond}, continued in proportion")
+    lines.append("  scenes unlike these (impacts, baffles, several liquids) may err more; see jobs/validation/trade.md")
+    changed = changed_settings(job.scheme)
+    if changed:
+        lines.append(f"  {preset} as it is: what {', '.join(changed)} change was not measured together")
+    return [*lines, f"  {source}"]
+
+
+def _rows(job, spacing):
+    """Rows of particles over the depth of the liquid, or over the height of the tallest region."""
+    heights = []
+    for fluid in job.fluids:
+        if fluid.region is None:
+            continue
+        if fluid.region.box is not None:
+            heights.append(fluid.region.box[1][-1] - fluid.region.box[0][-1])
+        else:
+            heights.append(2.0 * (fluid.region.disc or fluid.region.ball).radius)
+    layered = sum(depth for depth in job.depths if depth is not None)
+    return max([layered, *heights]) / spacing
 
 
 # Stages

@@ -19,9 +19,6 @@ from petsc4py import PETSc  # noqa: E402
 from parmps.errors import DivergedError  # noqa: E402
 from parmps.kernels.poisson import sort_rows  # noqa: E402
 
-EXCESS_ITERATIONS = 40
-"""Iterations beyond those of a fresh hierarchy that pay for a new one: its set-up costs about as much time."""
-
 VISCOUS_TOLERANCE = 1e-6
 """Residual of the velocity's equation relative to its right-hand side; its matrix is so well conditioned that a
 tighter tolerance than the pressure's costs little."""
@@ -152,6 +149,8 @@ class PressureSolver(_Solver):
     comm : mpi4py.MPI.Comm
     tolerance : float
         Of the residual relative to the right-hand side.
+    excess : float
+        Iterations beyond those of a fresh multigrid hierarchy, summed over solves, that pay for a new one.
 
     Attributes
     ----------
@@ -161,8 +160,9 @@ class PressureSolver(_Solver):
         How often the multigrid hierarchy was set up.
     """
 
-    def __init__(self, comm, tolerance):
+    def __init__(self, comm, tolerance, excess):
         super().__init__(comm, "ppe_", PRESSURE_OPTIONS, tolerance)
+        self._most_excess = excess
         self._matrix = self._model = None
         self.rebuilds = 0
         self._fresh = None
@@ -195,7 +195,7 @@ class PressureSolver(_Solver):
         """
         old = self._matrix
         self._matrix = _wrap(self._comm, self._rows, blocks)
-        if self._fresh is None or self._excess >= EXCESS_ITERATIONS:
+        if self._fresh is None or self._excess >= self._most_excess:
             self._renew(blocks)
         # The preconditioned residual is nearly the error: it falls to a share of the last pressure, or, where
         # that says nothing, of what it was at first. PETSc's own measure costs one more cycle of multigrid.

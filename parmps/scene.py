@@ -281,8 +281,11 @@ class TimeControl(Section):
     max_step: Annotated[Number, Field(gt=0, le=1e3)] | None = setting(
         "longest time step; null: only the stability limits", "s", None
     )
-    cfl: Number = setting(
-        "Courant number: greatest travel of a particle in one step, in spacings", "", 0.2, gt=0, le=1
+    cfl: Annotated[Number, Field(gt=0, le=1)] | None = setting(
+        "Courant number: greatest travel of a particle in one step, in spacings; null: that of the scheme "
+        "(scheme.courant)",
+        "",
+        None,
     )
 
 
@@ -391,6 +394,11 @@ class Job(Section):
     )
     probes: Annotated[tuple[Probe, ...], Field(max_length=1000)] = setting("measurements", default=())
     output: Output = setting("results", default_factory=dict, validate_default=True)
+
+    @property
+    def courant(self):
+        """Courant number that bounds the time step."""
+        return self.scheme.courant if self.time.cfl is None else self.time.cfl
 
     @cached_property
     def depths(self):

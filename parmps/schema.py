@@ -71,6 +71,26 @@ def schema_table(model=Job, width=120):
     return "\n".join(lines) + "\n"
 
 
+def schema_markdown(model=Job):
+    """Format the list of keys as a table of Markdown, as in the README.
+
+    Parameters
+    ----------
+    model : type
+        As in `schema_rows`.
+
+    Returns
+    -------
+    str
+    """
+    lines = ["| key | type | unit | default | meaning |", "|---|---|---|---|---|"]
+    for key, *cells in schema_rows(model):
+        texts = [cell.replace("|", "\\|").replace("<", "&lt;") for cell in cells]
+        texts[2] = texts[2].removeprefix("default ")
+        lines.append(" | ".join([f"| `{key}`", *texts]) + " |")
+    return "\n".join(lines) + "\n"
+
+
 def json_schema(model=Job):
     """JSON Schema of a job file, for completion and checks in editors.
 

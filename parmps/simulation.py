@@ -30,10 +30,10 @@ IMBALANCE = 1.05
 """Largest over mean cost of the ranks beyond which particles are distributed anew."""
 SORT_EVERY = 400
 """Steps after which particles are sorted again for the sake of the caches."""
-STEADY_STEP = 0.25
-"""Bound of the step by the body force f: dt <= 0.25 sqrt(l0 / f)."""
 CAPILLARY_STEP = math.sqrt(0.25 / math.pi)
 """Bound of the step by surface tension: dt <= sqrt((rho_1 + rho_2) l0^3 / (4 pi sigma)) (Brackbill 1992)."""
+CAPILLARY_SHARE = 0.25
+"""Share of c / l0^3 in the grid's frequency: that of a wave of 10 spacings, the shortest with a curvature."""
 WAVE_STEP = 0.2
 """Bound of the step by the liquid's head f h where it moves before its pressure is known: dt <= 0.2 l0 / sqrt(f h)."""
 VISCOUS_STEP = 0.2
@@ -41,7 +41,7 @@ VISCOUS_STEP = 0.2
 IMPLICIT_GAIN = 1.5
 """How much longer the step must get for the implicit viscous step, which costs about half of another step, to pay."""
 PROJECTIONS = 10
-"""How often the initial velocity is projected: each time leaves half of what the row next to a wall has towards it."""
+"""How often at most the initial velocity is projected: each time leaves half of what a row has towards its wall."""
 
 
 COUNTERS = (
@@ -111,7 +111,8 @@ class Simulation:
     plan : Plan
     courant, grid_number, activity : float
         Time step in the units that shifting and damping refer to: u dt / l0 with the greatest speed u,
-        sqrt(f / l0) dt with the body force f, and the latter plus a fifth of the former.
+        sqrt(f / l0 + c / (4 l0^3)) dt with the body force f and the capillary rate c of `Liquids`, and the latter plus
+        a fifth of the former.
     implicit : bool
         Whether the viscous step is implicit, so that it does not bound the time step.
     suction : float
@@ -140,7 +141,7 @@ class Simulation:
         self.surface_distance = 0.5 * self.l0
         self.plan = make_plan(job, domain.size)
         self.seconds = {stage.name: 0.0 for stage in (*self.plan.solve, *self.plan.move)}
-        self.solver = PressureSolver(domain.comm, scheme.ksp_rtol)
+        self.solver = PressureSolver(domain.comm, scheme.ksp_rtol, scheme.hierarchy_excess)
         self.velocity_solver = VelocitySolver(domain.comm) if "viscosity" in self.seconds else None
         reach = max(scheme.radius, scheme.laplacian_radius) * self.l0
         moved = scheme.position == "moved"
@@ -222,7 +223,8 @@ class Simulation:
         """Make the initial velocity one that incompressible liquid in this tank can have; once, at the start.
 
         A velocity towards a wall, as of a tank that starts with a jolt, is stopped by an impulse of pressure
-        in no time: the velocity is projected, without a body force and without moving anything.
+        in no time: the velocity is projected, without a body force and without moving anything, for as long as this
+        takes kinetic energy from it. What does not is the operators' own error.
 
         Raises
         ------
@@ -241,12 +243,15 @@ class Simulation:
             force=np.zeros(3), alpha=np.zeros(3), omega=np.zeros(3)
         )
         for _ in range(PROJECTIONS):
-            velocity = p.velocity[: p.liquid].copy()
+            velocity, energy = p.velocity[: p.liquid].copy(), self.kinetic_energy()
             for stage in self.plan.project:
                 stage.run(self)
             pressure_gradient(self)
             p.velocity[: p.liquid] = velocity - self.dt * p.acceleration[: p.liquid]
             p.pressure[:] = 0.0
+            if self.kinetic_energy() > energy:
+                p.velocity[: p.liquid] = velocity
+                break
         p.acceleration[:] = 0.0
         self.frame = self.motion.at(0.0)
         self.contacts = 0
@@ -369,9 +374,9 @@ class Simulation:
         control, force = self.job.time, np.linalg.norm(self.frame.force)
         bounds = [control.max_step or math.inf]
         if speed > 0.0:
-            bounds.append(control.cfl * self.l0 / speed)
+            bounds.append(self.job.courant * self.l0 / speed)
         if force > 0.0:
-            bounds.append(STEADY_STEP * math.sqrt(self.l0 / force))
+            bounds.append(self.scheme.steady_step * math.sqrt(self.l0 / force))
         if self.liquids.capillary_rate > 0.0:
             bounds.append(CAPILLARY_STEP * math.sqrt(self.l0**3 / self.liquids.capillary_rate))
         if self.scheme.position == "moved":
@@ -386,7 +391,8 @@ class Simulation:
         self.dt = left / steps
         self._end_of_step = until if steps == 1 else self.time + self.dt
         self.courant = speed * self.dt / self.l0
-        self.grid_number = math.sqrt(force / self.l0) * self.dt
+        capillary = self.liquids.capillary_rate * CAPILLARY_SHARE / self.l0**3
+        self.grid_number = math.sqrt(force / self.l0 + capillary) * self.dt
         self.activity = self.grid_number + 0.2 * self.courant
         length, frame = max(self.job.tank.size), self.frame
         strength = force + length * (np.linalg.norm(frame.alpha) + np.linalg.norm(frame.omega) ** 2)

@@ -110,6 +110,7 @@ def test_bad_command_lines(job, tmp_path):
     before = sorted(tmp_path.rglob("*"))
     check_refused(parmps(tmp_path, job, "--set", "time.ned=1"), "time.ned", before, tmp_path)
     check_refused(parmps(tmp_path, job, "--color"), "command line", before, tmp_path)
+    check_refused(parmps(tmp_path, job, "--restart", "nowhere"), "command line", before, tmp_path)
     done = parmps(tmp_path, tmp_path / "absent.yaml")
     assert done.returncode == 2 and "absent.yaml" in done.stderr and "Traceback" not in done.stderr
 

@@ -73,7 +73,7 @@ def test_numbers_are_read_as_they_look():
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("", "job.yaml: got None, must be a mapping"),
+        ("", "job.yaml: got nothing, must be a mapping"),
         ("- 1\n- 2\n", "job.yaml: got [1, 2], must be a mapping"),
         ("a: [1, 2\nb: 3\n", "job.yaml, line 2: "),
         ("a: 1\nb: 'x\n", "job.yaml, line 3: "),
@@ -85,7 +85,7 @@ def test_numbers_are_read_as_they_look():
         ("[1]: 2\n", "job.yaml, line 1: the key [1] must be text"),
         ("? {a: 1}\n: 2\n", "must be text"),
         ("<<: {a: 1}\n", "<<: unknown key"),
-        ("a: 1\n---\nb: 2\n", "job.yaml, line 2: "),
+        ("a: 1\n---\nb: 2\n", "job.yaml, line 2: expected a single document in the stream, but found another document"),
         ("a: " + "[" * 60, "nested more than 50 deep"),
         ("a: " + "{b: " * 60, "nested more than 50 deep"),
         ("a: [" + "1," * (MAX_NODES + 1) + "]", f"more than {MAX_NODES} values"),

@@ -166,6 +166,20 @@ def test_particles(tmp_path, field, width, capsys):
     assert is_picture(tmp_path / f"particles_{field}.png")
 
 
+def test_a_picture_in_space_needs_pyvista_and_a_3d_run(results, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "pyvista", None)
+    assert plot("space", results) == 2
+    assert capsys.readouterr().err == "parmps: error: pictures in space need PyVista: pip install pyvista\n"
+
+
+def test_a_picture_in_space(tmp_path):
+    pyvista = pytest.importorskip("pyvista")
+    write_particles(tmp_path, 8)
+    for field in ("pressure", "fluid"):
+        assert plot("space", tmp_path, "--field", field) == 0
+        assert np.ptp(pyvista.read(tmp_path / f"space_{field}.png").point_data.active_scalars) > 200
+
+
 def test_peaks_and_spectra_commands(results, capsys):
     assert plot("peaks", results) == 0
     header, first, *_ = (results / "peaks.csv").read_text().splitlines()

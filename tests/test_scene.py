@@ -1,6 +1,7 @@
 """The models of a job: what is accepted, what is refused and with which message, warnings, the schema."""
 
 import copy
+from pathlib import Path
 
 import pytest
 import yaml
@@ -11,7 +12,7 @@ from parmps.errors import InputError
 from parmps.fields import Section, models_in
 from parmps.loader import job_text, parse_job
 from parmps.scene import Job
-from parmps.schema import json_schema, schema_rows, schema_table
+from parmps.schema import json_schema, schema_markdown, schema_rows, schema_table
 from parmps.scheme import PRESETS, Scheme, resolve_scheme
 
 BASE_2D = {
@@ -71,7 +72,8 @@ def test_defaults():
     assert job.tank.shape == "box"
     assert job.initial.kind == "rest"
     assert job.fluids[0].density == 1000.0
-    assert job.time.cfl == 0.2
+    assert job.time.cfl is None
+    assert job.courant == job.scheme.courant == 0.4
     assert job.time.max_step is None
     assert job.output.particles_every == 0.1
     assert job.output.probes_every == 0.005
@@ -337,3 +339,9 @@ def test_json_schema_knows_units_and_bounds():
     assert spacing["exclusiveMinimum"] == 0
     assert schema["additionalProperties"] is False
     assert any("papers" in option.get("enum", []) for option in schema["properties"]["scheme"]["anyOf"])
+
+
+def test_the_table_in_the_readme_is_that_of_the_schema():
+    """To renew it: python -m parmps schema --markdown."""
+    readme = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+    assert schema_markdown() in readme

@@ -65,7 +65,8 @@ make_environment() {
     echo "parmps setup: making .venv"
     "$python" -m venv --system-site-packages .venv || fail "could not make .venv"
     mapfile -t needed < <(requirements)
-    .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-input "${needed[@]}" \
+    # --no-compile: Python compiles the modules that are used when they first are, in a third of the time.
+    .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-input --no-compile "${needed[@]}" \
         || fail "could not install: ${needed[*]}"
     site=$(.venv/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
     # Without its -dev package, Debian's petsc4py lies where Python does not look.

@@ -54,7 +54,8 @@ def draw_space(directory, view, time, path):
     walls.points = view.placed(np.asarray(walls.points), frame.time)
     plotter.add_mesh(walls, color="grey", opacity=0.15, show_scalar_bar=False)
     plotter.add_text(f"{job.title}\nt = {frame.time:.3f} s", font_size=12, color="black")
-    plotter.show_bounds(xtitle="x [m]", ytitle="y [m]", ztitle="z [m]", color="black", font_size=12)
+    titles = {f"{axis}title": f"{axis} [m]" for axis in "xyz"}
+    plotter.show_bounds(**titles, location="outer", fmt="%.2f", color="black", font_size=14, use_3d_text=False)
     plotter.enable_parallel_projection()
     plotter.view_vector((0.5, -1.0, 0.35), (0.0, 0.0, 1.0))
     with output_errors(path):
@@ -82,7 +83,8 @@ def _add_liquid(plotter, view, frame):
     colours = (FLUID_COLOURS * 4)[: len(names)]
     limits = (-0.5, len(names) - 0.5)
     plotter.add_mesh(balls, scalars="value", cmap=list(colours), clim=limits, show_scalar_bar=False)
-    plotter.add_legend([[name, colour] for name, colour in zip(names, colours, strict=True)], bcolor="white")
+    key = [[name, colour] for name, colour in zip(names, colours, strict=True)]
+    plotter.add_legend(key, bcolor="white", size=(0.2, 0.08))
 
 
 def _walls(job):
