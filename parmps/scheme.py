@@ -26,7 +26,7 @@ PRESETS = {
         "courant": 0.2,
         "ksp_rtol": 1e-6,
     },
-    "fast": {"courant": 0.8, "steady_step": 0.5},
+    "fast": {"courant": 0.8, "steady_step": 0.4},
     "balanced": {},
     "accurate": {"ksp_rtol": 1e-5},
 }

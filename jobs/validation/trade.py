@@ -115,6 +115,7 @@ SCENES = {
 CHANGES = (
     "scheme.laplacian_radius=3.1",
     "scheme.steady_step=0.125",
+    "scheme.steady_step=0.4",
     "scheme.steady_step=0.5",
     "scheme.courant=0.2",
     "scheme.courant=0.8",
@@ -123,7 +124,7 @@ CHANGES = (
     "scheme.ksp_rtol=1e-5",
     "scheme.hierarchy_excess=5",
     "scheme.hierarchy_excess=400",
-    "scheme.courant=0.8 scheme.steady_step=0.5 scheme.ksp_rtol=1e-2",
+    "scheme.courant=0.8 scheme.steady_step=0.4 scheme.ksp_rtol=1e-2",
     "scheme.courant=0.2 scheme.steady_step=0.125 scheme.ksp_rtol=1e-5",
 )
 """What is changed in `balanced`, as for ``--set``; the last two are bolder than the presets `fast` and `accurate`."""
