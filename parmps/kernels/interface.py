@@ -598,7 +598,8 @@ def pressure_gradient(
             qx, qy, qz = lean[i, 0], lean[i, 1], lean[i, 2]
             size = math.sqrt(qx * qx + qy * qy + qz * qz) + 1e-300
             s = scale / size
-            q = -own * here * size / (density * surface_distance) - force[i, 0] * qx - force[i, 1] * qy - force[i, 2] * qz
+            q = -own * here * size / (density * surface_distance)
+            q -= force[i, 0] * qx + force[i, 1] * qy + force[i, 2] * qz
             gx += s * q * qx
             gy += s * q * qy
             gz += s * q * qz
