@@ -11,7 +11,7 @@ export OPENBLAS_NUM_THREADS := 1
 export OMPI_ALLOW_RUN_AS_ROOT := 1
 export OMPI_ALLOW_RUN_AS_ROOT_CONFIRM := 1
 
-.PHONY: help setup setup-test run test lint bench extremes validate trade
+.PHONY: help setup setup-test run test lint bench extremes validate validate3d trade
 
 help:
 	@echo "make run        run jobs/sloshing.yaml on 2 ranks"
@@ -20,6 +20,7 @@ help:
 	@echo "make bench      measure the speed (jobs/benchmarks)"
 	@echo "make extremes   find out where it breaks (jobs/extremes)"
 	@echo "make validate   compare with experiments and theory (jobs/validation)"
+	@echo "make validate3d the same in 3D, at the default preset: a quarter of an hour of one core"
 	@echo "make trade      measure what accuracy costs, by setting (jobs/validation/trade.*)"
 	@echo "make setup      only set up; every other target does so when needed"
 
@@ -43,6 +44,11 @@ bench: setup
 
 validate: setup
 	$(python) jobs/validation/run.py
+
+validate3d: setup
+	$(python) jobs/validation/run.py rest_3d standing_wave_3d surge_sway baffled_3d --preset balanced
+	$(python) jobs/validation/run.py lng --spacing 0.036 --preset balanced
+	$(python) jobs/validation/run.py lng --variant "LNG 70 %" --preset balanced
 
 trade: setup
 	$(python) jobs/validation/trade.py

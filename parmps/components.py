@@ -7,8 +7,8 @@ set afterwards so that its least value is zero.
 """
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
+
+from parmps.kernels.graph import join, number_parts
 
 SHIFT = 1e-9
 """Relative shift of the diagonal."""
@@ -23,12 +23,35 @@ class Floating:
         Part of each row, numbered alike on all ranks, or -1 where a free surface holds the pressure.
     count : int
         Number of such parts.
+    held : bool
+        Whether any row, of any rank, was held by a free surface when they were found.
     """
 
-    def __init__(self, label, count):
-        self.count = count
+    def __init__(self, label, count, held=False):
+        self.count, self._held = count, held
         self._rows = np.flatnonzero(label >= 0)
         self._label = label[self._rows]
+
+    def outdated(self, domain, surface):
+        """Whether a part has got a free surface since, or the rest of the liquid has got or lost its own.
+
+        A tank that is nearly full closes and opens from step to step; solved as if it were still open, a closed one
+        has a singular matrix.
+
+        Parameters
+        ----------
+        domain : Domain
+        surface : (rows,) bool or int8
+            Particles of the free surface.
+
+        Returns
+        -------
+        bool
+        """
+        rest = np.ones(len(surface), bool)
+        rest[self._rows] = False
+        opened, held = domain.max(np.array([surface[self._rows].any(), surface[rest].any()], float))
+        return opened > 0.0 or (held > 0.0) != self._held
 
     def fix(self, domain, blocks, rhs):
         """Make the singular blocks of the matrix regular and their equations consistent.
@@ -49,7 +72,8 @@ class Floating:
                 [
                     np.bincount(self._label, rhs[self._rows], self.count),
                     np.bincount(self._label, minlength=self.count),
-                ]
+                ],
+                dtype=float,  # on all ranks: np.bincount makes whole numbers of no rows
             )
         )
         rhs[self._rows] -= (sums[0] / sums[1])[self._label]
@@ -91,10 +115,10 @@ def floating_components(domain, column, blocks, held):
     beyond = np.flatnonzero(column[rows:] >= 0) + rows
     order = beyond[np.argsort(column[beyond])]
     halo = blocks.halo_columns[: blocks.halo_first[-1]]
-    ends = np.concatenate([blocks.columns[: blocks.first[-1]], order[np.searchsorted(column[order], halo)]])
-    begins = np.concatenate([np.repeat(np.arange(rows), np.diff(a)) for a in (blocks.first, blocks.halo_first)])
-    graph = coo_matrix((np.ones(len(ends), np.int8), (begins, ends)), shape=(count, count))
-    parts, part = connected_components(graph, directed=False) if count else (0, np.zeros(0, int))
+    part = np.arange(count)
+    join(blocks.first, blocks.columns, part)
+    join(blocks.halo_first, order[np.searchsorted(column[order], halo)], part)
+    parts = number_parts(part)
     # Ranks agree on labels, and on what is held, by passing the least label and the most held along.
     label = np.where(column >= 0, column.astype(np.int64), np.iinfo(np.int64).max)
     tied = np.zeros(len(column), np.int64)
@@ -119,4 +143,4 @@ def floating_components(domain, column, blocks, held):
     names = sorted(set().union(*domain.gather(set(label[:rows][free].tolist()))))
     number = np.full(rows, -1)
     number[free] = np.searchsorted(names, label[:rows][free])
-    return Floating(number, len(names))
+    return Floating(number, len(names), bool(domain.max(float(np.any(held)))))

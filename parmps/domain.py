@@ -13,7 +13,8 @@ from mpi4py import MPI
 
 from parmps.particles import FIELDS, Particles
 
-_BISECTIONS = 48
+BISECTIONS = 48
+"""Reductions that find one cut: more than enough for the digits of a coordinate."""
 
 
 class Domain:
@@ -163,7 +164,7 @@ class Domain:
         """
         arrays = particles.arrays()
         if self.size > 1:
-            arrays = self._migrate(arrays, self._bisect(arrays["position"], weight))
+            arrays = self._migrate(arrays, self.bisect(arrays["position"], weight, self.size))
         particles = Particles(arrays)
         cells = np.floor(particles.position / cell).astype(np.int64)
         order = np.lexsort((particles.id, cells[:, 2], cells[:, 1], cells[:, 0], particles.kind % 3))
@@ -171,15 +172,30 @@ class Domain:
         self.halo = 0
         return particles
 
-    def _bisect(self, position, weight):
-        """Recursive coordinate bisection: the rank that each particle goes to."""
-        begin = np.zeros(len(position), np.int64)  # each particle's group of ranks [begin, end)
-        end = np.full(len(position), self.size, np.int64)
-        groups = [(0, self.size)]
+    def bisect(self, position, weight, parts):
+        """Recursive coordinate bisection of the particles of all ranks into boxes of nearly equal cost.
+
+        Parameters
+        ----------
+        position : (n, 3) float64, m
+            Of this rank's particles.
+        weight : (n,) float64
+            Their costs.
+        parts : int
+            Number of boxes.
+
+        Returns
+        -------
+        (n,) int64
+            Box that each particle goes to.
+        """
+        begin = np.zeros(len(position), np.int64)  # each particle's group of boxes [begin, end)
+        end = np.full(len(position), parts, np.int64)
+        groups = [(0, parts)] if parts > 1 else []
         # Ties, as in a column of the lattice, are cut along the other axes.
         skew = position @ np.array([[1.0, 1e-5, 1e-4], [1e-5, 1.0, 1e-4], [1e-4, 1e-5, 1.0]]).T
         while groups:
-            index = np.full(self.size, -1)
+            index = np.full(parts, -1)
             index[[first for first, _ in groups]] = np.arange(len(groups))
             active = end - begin > 1
             group = np.where(active, index[begin], -1)
@@ -193,12 +209,12 @@ class Domain:
             low, high = lower[rows, axis].copy(), upper[rows, axis].copy()
             low[~np.isfinite(low)] = high[~np.isfinite(high)] = 0.0
             key = np.where(active, skew[np.arange(len(skew)), axis[group]], 0.0)
-            total = self.sum(np.bincount(group[active], weight[active], len(groups)))
+            total = self.sum(_sums(group[active], weight[active], len(groups)))
             target = total * np.array([((e - b) // 2) / (e - b) for b, e in groups])
-            for _ in range(_BISECTIONS):
+            for _ in range(BISECTIONS):
                 middle = 0.5 * (low + high)
                 below = active & (key < middle[group])
-                done = self.sum(np.bincount(group[below], weight[below], len(groups)))
+                done = self.sum(_sums(group[below], weight[below], len(groups)))
                 low = np.where(done < target, middle, low)
                 high = np.where(done < target, high, middle)
             cut = np.array([b + (e - b) // 2 for b, e in groups])
@@ -326,6 +342,11 @@ class _Channel:
     def close(self):
         for request in self.requests:
             request.Free()
+
+
+def _sums(group, weight, count):
+    """Sum of the weights in each group: np.bincount, which would make whole numbers of no weights at all."""
+    return np.bincount(group, weight, count).astype(np.float64)
 
 
 def _starts(counts):

@@ -15,6 +15,11 @@ SHIFT_ACROSS = 0.05
 """Share of the shifting that acts across an interface."""
 SMOOTHINGS = 3
 """How often the colour function, and the curvature of its contours, are smoothed."""
+SLIP = 1.0
+"""Greatest difference of velocities that counts as slip, over l0 times the rate of the shortest waves, sqrt(f / l0).
+
+A faster sheet rolls up at the scale of the spacing (Kelvin and Helmholtz). Its liquids are one field to the operators.
+"""
 UNCERTAIN = 0.02
 """Slope of the fraction, per spacing, below which a normal says little; the second row has 0.1."""
 
@@ -39,6 +44,8 @@ class Near:
         First moment of the neighbours in other liquids, in 1/spacings; 0 away from interfaces.
     divergence : (rows,) float64, 1/s
         Filled near interfaces alone.
+    slips : (count,) int8
+        1 where the liquids slide along each other as a sheet.
     """
 
     def __init__(self, rows, count):
@@ -48,6 +55,7 @@ class Near:
         self.normal = np.zeros((count, 3))
         self.beyond = np.zeros((rows, 3))
         self.divergence = np.empty(rows)
+        self.slips = np.zeros(count, np.int8)
 
     def reset(self, count):
         """Forget the particles of the step before.
@@ -61,6 +69,12 @@ class Near:
         self.fraction[:] = 1.0
         self.normal[:] = 0.0
         self.beyond[:] = 0.0
+        self.slips[:] = 0
+
+    @property
+    def slipping(self):
+        """Those of the particles that slip: (k,) int32."""
+        return self.index[self.slips[self.index] != 0]
 
     @property
     def room(self):
@@ -91,8 +105,36 @@ def share_with_walls(sim, values):
     sim.domain.exchange(values)
 
 
-def smooth_fraction(sim, fraction, near):
-    """Smooth the fraction of the own liquid among the particles near interfaces, and tell it the walls.
+class Links:
+    """Liquid neighbours of particles near interfaces, with images behind walls.
+
+    Parameters
+    ----------
+    sim : Simulation
+    near : Near
+
+    Attributes
+    ----------
+    begin, index, offset, image, mirror
+        As made by `interface.image_links`.
+    """
+
+    def __init__(self, sim, near):
+        p, (first, last, other) = sim.particles, sim.pairs.wet
+        count = len(near.index)
+        capacity = 2**sim.dimension * int((last[near.index] - first[near.index] + 1).sum())
+        self.begin, self.index = np.empty(count + 1, np.int64), np.empty(capacity, np.int32)
+        self.offset, self.image = np.empty((capacity, 3)), np.empty(capacity, np.int8)
+        self.mirror = np.empty((count, 3, 3))
+        reach = sim.scheme.radius * sim.l0
+        walls = (p.normal, p.depth)
+        lists = (near.index, first, last, other)
+        into = (self.begin, self.index, self.offset, self.image, self.mirror)
+        interface.image_links(p.position, p.kind, *walls, *lists, reach, *into)
+
+
+def smooth_fraction(sim, fraction, near, links):
+    """Smooth the fraction of the own liquid among the particles near interfaces.
 
     Parameters
     ----------
@@ -100,32 +142,41 @@ def smooth_fraction(sim, fraction, near):
     fraction : (n,) float64
     near : Near
         Has the result.
+    links : Links
     """
-    p = sim.particles
-    interface.smooth_fraction(
-        p.position,
-        p.fluid,
-        sim.liquids.sheet,
-        fraction,
-        near.index,
-        *sim.pairs.wet,
-        sim.l0,
-        sim.scheme.radius,
-        near.fraction,
-    )
-    share_with_walls(sim, near.fraction)
+    between = (links.begin, links.index, links.offset, sim.l0, sim.scheme.radius)
+    common = (sim.particles.fluid, sim.liquids.sheet)
+    interface.smooth_fraction(*common, fraction, near.index, *between, near.fraction)
+    sim.domain.exchange(near.fraction)
+
+
+def find_normals(sim, near, links):
+    """Normals of the interfaces, from the smoothed fraction.
+
+    Parameters
+    ----------
+    sim : Simulation
+    near : Near
+        Has the fraction, and the result.
+    links : Links
+    """
+    between = (links.begin, links.index, links.offset, links.image, sim.l0, sim.scheme.radius, sim.dimension)
+    common = (sim.particles.fluid, sim.liquids.sheet)
+    interface.normals(*common, near.fraction, near.index, *between, near.normal, near.beyond)
+    sim.domain.exchange(near.normal)
 
 
 def find_interfaces(sim):
     """Find the particles near interfaces, and the interfaces' normals."""
-    p, w, near = sim.particles, sim.work, sim.work.near_interface
-    sheet = sim.liquids.sheet
-    near.reset(interface.find_near(*sim.pairs.lists, p.kind, p.fluid, sheet, p.liquid, near.room))
-    common = (p.position, p.kind, p.fluid, sheet)
-    smooth_fraction(sim, near.fraction.copy(), near)
-    links = (near.index, *sim.pairs.wet, sim.strength)
-    interface.normals(*common, near.fraction, *links, w.inverse, sim.l0, near.normal, near.beyond)
-    sim.domain.exchange(near.normal)
+    p, near = sim.particles, sim.work.near_interface
+    near.reset(interface.find_near(*sim.pairs.lists, p.kind, p.fluid, sim.liquids.sheet, p.liquid, near.room))
+    links = Links(sim, near)
+    smooth_fraction(sim, near.fraction.copy(), near, links)
+    find_normals(sim, near, links)
+    limit = SLIP * sim.l0 * sim.grid_number / sim.dt
+    interface.find_slip(p.velocity, p.kind, p.fluid, sim.liquids.sheet, near.index, *sim.pairs.wet, limit, near.slips)
+    near.beyond[near.index[near.slips[near.index] == 0]] = 0.0
+    sim.domain.exchange(near.slips)
 
 
 def find_curvature(sim):
@@ -136,18 +187,20 @@ def find_curvature(sim):
     p, w, near = sim.particles, sim.work, sim.work.curved
     fraction = w.near_interface.fraction
     near.reset(interface.widen(*sim.pairs.lists, p.kind, fraction, p.liquid, near.room))
-    common = (p.position, p.kind, p.fluid, sim.liquids.sheet)
-    links = (near.index, *sim.pairs.wet, sim.strength)
+    links = Links(sim, near)
     for _ in range(SMOOTHINGS):
-        smooth_fraction(sim, fraction, near)
+        smooth_fraction(sim, fraction, near, links)
         fraction = near.fraction.copy()
-    interface.normals(*common, near.fraction, *links, w.inverse, sim.l0, near.normal, near.beyond)
-    sim.domain.exchange(near.normal)
+    find_normals(sim, near, links)
+    common, scale = (p.fluid, sim.liquids.sheet), (sim.l0, sim.scheme.radius)
+    between = (links.begin, links.index, links.offset)
     w.bend[:] = 0.0
-    interface.curvature(*common, near.normal, *links, sim.dimension, w.bend)
+    images = (*between, links.image, links.mirror)
+    interface.curvature(*common, near.normal, near.index, *images, *scale, sim.dimension, w.bend)
     for _ in range(SMOOTHINGS):
         sim.domain.exchange(w.bend)
-        interface.smooth_curvature(*common, w.bend.copy(), near.normal, *links, sim.scheme.radius, w.bend)
+        before = w.bend.copy()
+        interface.smooth_curvature(*common, before, near.normal, near.index, *between, *scale, w.bend)
     share_with_walls(sim, w.bend)
 
 
@@ -161,10 +214,11 @@ def correct_divergence(sim):
     divergence : (m,) float64, 1/s
     """
     p, w, near = sim.particles, sim.work, sim.work.near_interface
-    common = (p.kind, p.fluid, sim.liquids.sheet)
-    links = (near.index, *sim.pairs.wet, sim.strength)
+    slipping = near.slipping
+    common = (p.kind, p.fluid, near.slips, sim.liquids.sheet)
+    links = (slipping, *sim.pairs.wet, sim.strength)
     scale = (sim.lattice.density, sim.dimension)
-    inverse = np.empty((len(near.index), 6))
+    inverse = np.empty((len(slipping), 6))
     interface.own_moments(p.position, *common, *links, *scale, inverse)
     density.invert(inverse, OWN_FLOOR, sim.dimension, inverse)
     interface.own_gradient(p.position, w.intermediate, *common, *links, inverse, *scale, w.gradient)
@@ -180,13 +234,14 @@ def correct_divergence(sim):
         *scale,
         near.divergence,
     )
-    return near.index, near.divergence[near.index]
+    return slipping, near.divergence[slipping]
 
 
 def correct_acceleration(sim):
     """Set grad P / rho near interfaces, where its tangential part jumps with the density."""
     p, s, w, near = sim.particles, sim.scheme, sim.work, sim.work.near_interface
-    inverse, sums = np.empty((len(near.index), 6)), np.empty((len(near.index), 3))
+    slipping = near.slipping
+    inverse, sums = np.empty((len(slipping), 6)), np.empty((len(slipping), 3))
     interface.pressure_gradient(
         p.position,
         p.pressure,
@@ -200,17 +255,18 @@ def correct_acceleration(sim):
         sim.liquids.tension,
         w.bend,
         near.normal,
-        near.index,
+        slipping,
         *sim.pairs.wet,
         sim.strength,
         sim.l0,
+        sim.surface_distance,
         sim.lattice.density,
         sim.dimension,
         inverse,
         sums,
     )
     density.invert(inverse, s.gradient_floor, sim.dimension, inverse)
-    interface.solve_gradient(w.force, near.index, inverse, sums, p.acceleration)
+    interface.solve_gradient(w.force, slipping, inverse, sums, p.acceleration)
 
 
 def limit_shifting(sim):
@@ -220,7 +276,8 @@ def limit_shifting(sim):
     these rows and leave a gap between them.
     """
     w, near = sim.work, sim.work.near_interface
-    normal = near.normal[near.index]
+    slipping = near.slipping
+    normal = near.normal[slipping]
     steep2 = np.einsum("ij,ij->i", normal, normal)
-    across = np.einsum("ij,ij->i", w.asymmetry[near.index], normal) / np.maximum(steep2, UNCERTAIN**2)
-    w.asymmetry[near.index] -= ((1.0 - SHIFT_ACROSS) * across)[:, None] * normal
+    across = np.einsum("ij,ij->i", w.asymmetry[slipping], normal) / np.maximum(steep2, UNCERTAIN**2)
+    w.asymmetry[slipping] -= ((1.0 - SHIFT_ACROSS) * across)[:, None] * normal

@@ -2,7 +2,10 @@
 
 import numpy as np
 
-from parmps.kernels.pairs import bounds, find_pairs, strengths
+from parmps.kernels.pairs import bounds, find_pairs, sort_into_cells, strengths
+
+PART = 1024
+"""Particles whose wide lists are in the cache at a time."""
 
 
 class Pairs:
@@ -39,7 +42,7 @@ class Pairs:
         self._solids = solids
         self._wall_rows = wall_rows
         self._wall_pairs = wall_pairs
-        self._other = np.empty(0, np.int32)
+        self._other = np.empty(0, np.uint32)
         self.square = np.empty(0)
         self._second = np.empty(0)
         self.lists = self.wet = None
@@ -52,19 +55,41 @@ class Pairs:
         ----------
         particles : Particles
         """
-        rows = particles.rows if self._wall_rows else particles.liquid
-        first, last = np.empty(rows + 1, np.int64), np.empty(rows, np.int64)
-        lower, size, shape = self._grid(particles)
+        self._list(particles, self._grid(particles), 0, self._rows(particles))
+
+    def parts(self, particles):
+        """Make the lists of some particles after those of others, so that all stay in the cache.
+
+        Parameters
+        ----------
+        particles : Particles
+
+        Yields
+        ------
+        int, int
+            Range of the particles whose lists there are now.
+        """
+        grid, rows = self._grid(particles), self._rows(particles)
+        for begin in range(0, rows, PART):
+            end = min(begin + PART, rows)
+            self._list(particles, grid, begin, end)
+            yield begin, end
+
+    def _rows(self, particles):
+        return particles.rows if self._wall_rows else particles.liquid
+
+    def _list(self, particles, grid, begin, end):
+        """Make the lists of a range of particles."""
+        first, last = np.empty(end - begin + 1, np.uint32), np.empty(end - begin, np.uint32)
         while True:
             self.count = find_pairs(
                 particles.position,
                 particles.kind,
                 particles.normal,
-                rows,
+                begin,
+                end,
                 self._reach,
-                lower,
-                size,
-                shape,
+                *grid,
                 self._solids,
                 self._wall_pairs,
                 first,
@@ -74,8 +99,8 @@ class Pairs:
             )
             if self.count >= 0:
                 break
-            capacity = 2 * len(self._other) + 32 * rows + 1024
-            self._other, self.square = np.empty(capacity, np.int32), np.empty(capacity)
+            capacity = 2 * len(self._other) + 32 * (end - begin) + 1024
+            self._other, self.square = np.empty(capacity, np.uint32), np.empty(capacity)
         self.lists = first, self._other
         self.wet = first, last, self._other
 
@@ -106,10 +131,10 @@ class Pairs:
         return self.square, self._second
 
     def _grid(self, particles):
-        """Cells of the size of the radius, a quarter of it along z; larger where spray flies far."""
+        """Particles in cells of the size of the radius, a quarter of it along z; larger where spray flies far."""
         lower, upper = bounds(particles.position, particles.kind)
         if not np.all(lower <= upper):
-            return np.zeros(3), np.ones(3), np.ones(3, np.int64)
+            lower = upper = np.zeros(3)
         size = self._reach * np.array([1.0, 1.0, 0.25])
         shape = np.floor((upper - lower) / size).astype(np.int64) + 1
         most = 8 * len(particles) + 64
@@ -117,4 +142,5 @@ class Pairs:
             axis = np.argmax(shape)
             shape[axis] = (shape[axis] + 1) // 2
             size[axis] *= 2.0
-        return lower, size, shape
+        grid = lower, size, shape
+        return (*grid, *sort_into_cells(particles.position, particles.kind, *grid))

@@ -5,24 +5,27 @@ import math
 import numpy as np
 
 from parmps import waves
+from parmps.expectation import changed_settings, error_class, expected_cost, expected_errors, read_table
+from parmps.hull import build_hull
 from parmps.kernels.weight import lattice
 from parmps.liquids import Liquids
 from parmps.motion import Motion
 from parmps.particles import FIELDS
-from parmps.simulation import HALO_MARGIN, IMPLICIT_GAIN, STEADY_STEP, VISCOUS_STEP, WAVE_STEP, Work, wall_layers
+from parmps.simulation import HALO_MARGIN, IMPLICIT_GAIN, VISCOUS_STEP, WAVE_STEP, Work, wall_layers
 from parmps.stages import make_plan
 from parmps.tank import count_particles, standing_wave
 
-EXACT_CELLS = 1e6
-"""Points of the lattice in the tank up to which particles are counted: beyond, that takes too long."""
+EXACT_CELLS, ROUND_CELLS = 1e7, 1e6
+"""Points of the lattice in the tank up to which particles are counted: beyond, that takes too long. Tanks that are not
+straight along their length have fewer, since all their particles are placed for it."""
 PROGRAM_BYTES = 258e6
 """Memory of a rank without particles, as measured: Python, the compiled kernels and the libraries."""
 ENTRY_BYTES = 12
 """Of an entry of the pressure matrix: its value and its column."""
-HIERARCHY = 6.7
+HIERARCHY = 5.4
 """Memory of the multigrid hierarchy while it is set up, in pressure matrices: a copy, the coarser levels, and what
-their making takes for a moment (graph, prolongation, triple product). Measured from 2 000 to 220 000 particles, 2D
-and 3D, as what the peak has beside the rest."""
+their making takes for a moment (graph, prolongation, triple product). Measured at 14 000 particles in 2D and 151 000
+in 3D, after several set-ups, as what the peak has beside the rest."""
 SAMPLES = 400
 """Times at which the motion is looked at."""
 
@@ -41,12 +44,14 @@ def plan_text(job, domain):
     str
         Several lines, for people.
     """
-    layers, exact = wall_layers(job.scheme), math.prod(job.tank.size) / job.spacing**job.dimension <= EXACT_CELLS
+    layers, most = wall_layers(job.scheme), ROUND_CELLS if job.tank.shape in ("sphere", "stl") else EXACT_CELLS
+    exact = math.prod(job.tank.size) / job.spacing**job.dimension <= most
     counts, spacing = count_particles(job, job.scheme.wall, layers) if exact else estimate_particles(job, layers)
     lines = [f"{job.title or 'untitled job'}: {job.dimension}D, {domain.size} rank(s), scheme {job.scheme.preset}"]
     lines += ["", "Particles" if exact else "Particles (an estimate)", *_particle_lines(counts, spacing, exact)]
     lines += ["", "Memory (an estimate)", *_memory_lines(job, counts, domain.size)]
     lines += ["", "Time steps (an estimate)", *_step_lines(job, spacing)]
+    lines += ["", "Accuracy and cost (by the trade study)", *_trade_lines(job, counts, spacing)]
     lines += ["", "Stages of a step", *_stage_lines(make_plan(job, domain.size))]
     return "\n".join(lines)
 
@@ -79,12 +84,14 @@ def estimate_particles(job, layers):
     -------
     dict of str to int
         As in `count_particles`: the volume of the liquid and the surface of tank and baffles, in spacings.
-        The tank is taken for a box, and baffles take nothing from the liquid.
+        The walls are taken for those of a box, and baffles take nothing from the liquid.
     float
         Spacing of the job, m.
     """
     sides = np.array(job.tank.size) / job.spacing
-    liquid = sum(_volume(job, fluid) for fluid in job.fluids) / job.spacing**job.dimension
+    layered = _content_below(job, sum(depth or 0.0 for depth in job.depths))
+    regions = sum(_volume(job, fluid.region) for fluid in job.fluids if fluid.region is not None)
+    liquid = (layered + regions) / job.spacing**job.dimension
     surface = 2.0 * sum(np.prod(np.delete(sides, axis)) for axis in range(len(sides)))
     for baffle in job.tank.baffles:
         along = baffle.top - baffle.bottom if baffle.vertical else baffle.right - baffle.left
@@ -94,17 +101,21 @@ def estimate_particles(job, layers):
     return {**counts, "total": sum(counts.values())}, job.spacing
 
 
-def _volume(job, fluid):
-    """Volume that a liquid fills, m3 (m2 in 2D), as if the tank were a box without baffles."""
-    if fluid.fill is not None:
-        return fluid.fill * math.prod(job.tank.size)
-    if fluid.region is None:
-        return fluid.depth * math.prod(job.tank.size[:-1])
-    if fluid.region.box is not None:
-        return math.prod(high - low for low, high in zip(*fluid.region.box, strict=True))
+def _content_below(job, level):
+    """Volume of the tank below a level, m3 (m2 in 2D)."""
+    hull = build_hull(job.tank, job.dimension, job.spacing)
+    if hull is None:
+        return math.prod(job.tank.size[:-1]) * level
+    return hull.content_below(level) * (job.tank.length if hull.dimension < job.dimension else 1.0)
+
+
+def _volume(job, region):
+    """Volume of a region, m3 (m2 in 2D)."""
+    if region.box is not None:
+        return math.prod(high - low for low, high in zip(*region.box, strict=True))
     if job.dimension == 2:
-        return math.pi * fluid.region.disc.radius**2
-    return 4.0 / 3.0 * math.pi * fluid.region.ball.radius**3
+        return math.pi * region.disc.radius**2
+    return 4.0 / 3.0 * math.pi * region.ball.radius**3
 
 
 def memory_estimate(job, counts, ranks):
@@ -133,8 +144,6 @@ def memory_estimate(job, counts, ranks):
     halo = ((side + 2.0 * (max(reach, wide) + HALO_MARGIN)) ** dimension - owned) if ranks > 1 else 0.0
     particle = sum(np.dtype(kind).itemsize * math.prod(shape) for kind, shape in FIELDS.values())
     pairs = rows * lattice(dimension, reach).neighbours
-    # Volume drift, which every run reports at its end, needs the wide lists even where the scheme does not.
-    wide_pairs = liquid * lattice(dimension, scheme.volume_radius).neighbours
     entries = pairs + rows
     per_row, per_particle = _work_bytes(Liquids(job))
     return {
@@ -143,7 +152,7 @@ def memory_estimate(job, counts, ranks):
         "particles": particle * (2.0 * owned + halo),
         "fields of a step": per_row * rows + per_particle * (owned + halo),
         # number and squared distance of each neighbour, and a weight where the radii differ
-        "neighbour lists": 12.0 * (pairs + wide_pairs) + 8.0 * pairs * (scheme.radius != scheme.laplacian_radius),
+        "neighbour lists": 12.0 * pairs + 8.0 * pairs * (scheme.radius != scheme.laplacian_radius),
         "pressure matrix": ENTRY_BYTES * entries,
         "multigrid hierarchy": HIERARCHY * ENTRY_BYTES * entries,
     }
@@ -165,11 +174,10 @@ def _memory_lines(job, counts, ranks):
     rows = [(name, _bytes(size)) for name, size in parts.items()]
     rows += [("a rank", _bytes(each)), (f"all {ranks} rank(s)", _bytes(ranks * each))]
     reach = max(job.scheme.radius, job.scheme.laplacian_radius)
-    near, far = (lattice(job.dimension, r).neighbours for r in (reach, job.scheme.volume_radius))
+    near = lattice(job.dimension, reach).neighbours
     return [
         *_table(rows),
-        f"  from the sizes of all fields, {near} neighbours within {reach:g} l0 and {far} within "
-        f"{job.scheme.volume_radius:g} l0 on the lattice,",
+        f"  from the sizes of all fields, {near} neighbours within {reach:g} l0 on the lattice,",
         f"  a square or cube of particles a rank, and {HIERARCHY:g} matrices for the making of the hierarchy",
     ]
 
@@ -222,9 +230,10 @@ def _bound(job, spacing, force, speed):
     if control.max_step is not None:
         bounds.append((control.max_step, "time.max_step"))
     if speed > 0.0:
-        bounds.append((control.cfl * spacing / speed, f"cfl: {control.cfl:g} l0/u"))
+        bounds.append((job.courant * spacing / speed, f"cfl: {job.courant:g} l0/u"))
     if force > 0.0:
-        bounds.append((STEADY_STEP * math.sqrt(spacing / force), f"body force: {STEADY_STEP:g} sqrt(l0/f)"))
+        steady = job.scheme.steady_step
+        bounds.append((steady * math.sqrt(spacing / force), f"body force: {steady:g} sqrt(l0/f)"))
     if force > 0.0 and job.scheme.position == "moved":
         wave = math.sqrt(force * _depth(job))
         bounds.append((WAVE_STEP * spacing / wave, f"explicit move: {WAVE_STEP:g} l0/sqrt(f h)"))
@@ -277,6 +286,47 @@ def _step_lines(job, spacing):
         steps = f"{math.ceil(job.time.end / step * (1.0 - 1e-9))}"
         rows.append((name, f"{speed:.3g} m/s", f"{step * 1e3:.3g} ms", steps, bound))
     return [*_table(rows), f"  for {job.time.end:g} s; a whole number of steps reaches each probe sample"]
+
+
+# Accuracy and cost
+
+
+def _trade_lines(job, counts, spacing):
+    """What the study's scenes would have for an error with so many rows, and what so many steps cost."""
+    table, source = read_table()
+    preset, rows = job.scheme.preset, _rows(job, spacing)
+    errors = expected_errors(table, preset, job.dimension, rows)
+    cost = expected_cost(table, preset, job.dimension, counts["total"])
+    if cost is None:
+        return [f"  {preset} was not measured in {job.dimension}D"]
+    lines = _table(
+        [("error in the study's", "class", f"at {rows:.3g} rows")]
+        + [(name, error_class(e.value), f"{e.value:.2g} %  {e.beyond}") for name, e in errors.items()]
+    )
+    steps = [math.ceil(job.time.end / step * (1.0 - 1e-9)) for _, _, step, _ in step_estimate(job, spacing)]
+    seconds = " to ".join(f"{count * cost.value:.2g}" for count in sorted({min(steps), max(steps)}))
+    lines.append(f"  {seconds} CPU-seconds for the steps above, in all ranks, {1e3 * cost.value:.2g} ms a step")
+    if cost.beyond:
+        lines.append(f"  {cost.beyond}, continued in proportion")
+    lines.append("  scenes unlike these (impacts, baffles, several liquids) may err more; see jobs/validation/trade.md")
+    changed = changed_settings(job.scheme)
+    if changed:
+        lines.append(f"  {preset} as it is: what {', '.join(changed)} change was not measured together")
+    return [*lines, f"  {source}"]
+
+
+def _rows(job, spacing):
+    """Rows of particles over the depth of the liquid, or over the height of the tallest region."""
+    heights = []
+    for fluid in job.fluids:
+        if fluid.region is None:
+            continue
+        if fluid.region.box is not None:
+            heights.append(fluid.region.box[1][-1] - fluid.region.box[0][-1])
+        else:
+            heights.append(2.0 * (fluid.region.disc or fluid.region.ball).radius)
+    layered = sum(depth for depth in job.depths if depth is not None)
+    return max([layered, *heights]) / spacing
 
 
 # Stages

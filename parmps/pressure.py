@@ -19,9 +19,6 @@ from petsc4py import PETSc  # noqa: E402
 from parmps.errors import DivergedError  # noqa: E402
 from parmps.kernels.poisson import sort_rows  # noqa: E402
 
-EXCESS_ITERATIONS = 40
-"""Iterations beyond those of a fresh hierarchy that pay for a new one: its set-up costs about as much time."""
-
 VISCOUS_TOLERANCE = 1e-6
 """Residual of the velocity's equation relative to its right-hand side; its matrix is so well conditioned that a
 tighter tolerance than the pressure's costs little."""
@@ -152,6 +149,8 @@ class PressureSolver(_Solver):
     comm : mpi4py.MPI.Comm
     tolerance : float
         Of the residual relative to the right-hand side.
+    excess : float
+        Iterations beyond those of a fresh multigrid hierarchy, summed over solves, that pay for a new one.
 
     Attributes
     ----------
@@ -161,8 +160,9 @@ class PressureSolver(_Solver):
         How often the multigrid hierarchy was set up.
     """
 
-    def __init__(self, comm, tolerance):
+    def __init__(self, comm, tolerance, excess):
         super().__init__(comm, "ppe_", PRESSURE_OPTIONS, tolerance)
+        self._most_excess = excess
         self._matrix = self._model = None
         self.rebuilds = 0
         self._fresh = None
@@ -195,7 +195,7 @@ class PressureSolver(_Solver):
         """
         old = self._matrix
         self._matrix = _wrap(self._comm, self._rows, blocks)
-        if self._fresh is None or self._excess >= EXCESS_ITERATIONS:
+        if self._fresh is None or self._excess >= self._most_excess:
             self._renew(blocks)
         # The preconditioned residual is nearly the error: it falls to a share of the last pressure, or, where
         # that says nothing, of what it was at first. PETSc's own measure costs one more cycle of multigrid.
@@ -276,8 +276,8 @@ class Blocks:
 
     Parameters
     ----------
-    rows, entries : int
-        Number of rows, and of entries at most.
+    rows, entries, beyond : int
+        Number of rows, and of entries of each block at most.
 
     Attributes
     ----------
@@ -291,11 +291,11 @@ class Blocks:
         The columns of the halo, as the matrix made of the blocks counts them.
     """
 
-    def __init__(self, rows, entries):
+    def __init__(self, rows, entries, beyond):
         index = PETSc.IntType
         self.first, self.columns, self.values = np.zeros(rows + 1, index), np.empty(entries, index), np.empty(entries)
         self.halo_first = np.zeros(rows + 1, index)
-        self.halo_columns, self.halo_values = np.empty(entries, index), np.empty(entries)
+        self.halo_columns, self.halo_values = np.empty(beyond, index), np.empty(beyond)
         self.at_diagonal = np.zeros(rows, index)
         self.renumbered = None
 
@@ -306,9 +306,9 @@ class Blocks:
         -------
         Blocks
         """
-        copy = Blocks(len(self.at_diagonal), len(self.columns))
+        copy = Blocks(len(self.at_diagonal), self.first[-1], self.halo_first[-1])
         for array, original in zip(copy.arrays, self.arrays, strict=True):
-            array[:] = original
+            array[:] = original[: len(array)]
         sort_rows(copy.first, copy.columns, copy.values)
         sort_rows(copy.halo_first, copy.halo_columns, copy.halo_values)
         return copy

@@ -281,8 +281,11 @@ class TimeControl(Section):
     max_step: Annotated[Number, Field(gt=0, le=1e3)] | None = setting(
         "longest time step; null: only the stability limits", "s", None
     )
-    cfl: Number = setting(
-        "Courant number: greatest travel of a particle in one step, in spacings", "", 0.2, gt=0, le=1
+    cfl: Annotated[Number, Field(gt=0, le=1)] | None = setting(
+        "Courant number: greatest travel of a particle in one step, in spacings; null: that of the scheme "
+        "(scheme.courant)",
+        "",
+        None,
     )
 
 
@@ -392,10 +395,20 @@ class Job(Section):
     probes: Annotated[tuple[Probe, ...], Field(max_length=1000)] = setting("measurements", default=())
     output: Output = setting("results", default_factory=dict, validate_default=True)
 
+    @property
+    def courant(self):
+        """Courant number that bounds the time step."""
+        return self.scheme.courant if self.time.cfl is None else self.time.cfl
+
     @cached_property
     def depths(self):
         """Thickness of each liquid's layer, m: tuple of float, None for a region."""
         return layer_depths(self)
+
+    @property
+    def full(self):
+        """Whether layers of liquid fill the tank to its lid, so that there is no free surface."""
+        return self.tank.lid and None not in self.depths and sum(self.depths) > self.tank.height * (1.0 - 1e-9)
 
     @model_validator(mode="before")
     @classmethod

@@ -23,9 +23,10 @@ PRESETS = {
         "gamma": 0.01,
         "collision_distance": 0.8,
         "volume_time": None,
+        "courant": 0.2,
         "ksp_rtol": 1e-6,
     },
-    "fast": {"ksp_rtol": 1e-2},
+    "fast": {"courant": 0.8, "steady_step": 0.4},
     "balanced": {},
     "accurate": {"ksp_rtol": 1e-5},
 }
@@ -125,6 +126,23 @@ class Scheme(Section):
         0.5,
         ge=0,
         le=1,
+    )
+    courant: Number = setting(
+        "Courant number where time.cfl gives none: greatest travel of a particle in one step", "l0", 0.4, gt=0, le=1
+    )
+    steady_step: Number = setting(
+        "longest time step by the body force f; waves of length 2 l0 are unstable from 2 / sqrt(pi) = 1.1 on",
+        "sqrt(l0 / f)",
+        0.25,
+        gt=0,
+        le=1,
+    )
+    hierarchy_excess: Number = setting(
+        "iterations beyond those with a fresh multigrid hierarchy, summed over steps, after which it is made anew; "
+        "making it takes about as long",
+        default=40,
+        ge=0,
+        le=1e6,
     )
     ksp_rtol: Number = setting(
         "relative tolerance of the linear solver for the pressure", default=1e-3, ge=1e-14, le=1e-1

@@ -22,22 +22,26 @@ from parmps.tank import initial_velocity, place
 
 HALO_MARGIN = 1.6
 """Width of the halo beyond the largest radius, in spacings: how far particles may move before it is renewed."""
+COSTS = (1.0, 0.5, 0.05, 0.05)
+"""Cost of a particle of each kind, which the ranks share evenly."""
 BALANCE_EVERY = 50
 """Steps between two looks at the balance of the ranks."""
 IMBALANCE = 1.05
 """Largest over mean cost of the ranks beyond which particles are distributed anew."""
 SORT_EVERY = 400
 """Steps after which particles are sorted again for the sake of the caches."""
-STEADY_STEP = 0.25
-"""Bound of the step by the body force f: dt <= 0.25 sqrt(l0 / f)."""
 CAPILLARY_STEP = math.sqrt(0.25 / math.pi)
 """Bound of the step by surface tension: dt <= sqrt((rho_1 + rho_2) l0^3 / (4 pi sigma)) (Brackbill 1992)."""
+CAPILLARY_SHARE = 0.25
+"""Share of c / l0^3 in the grid's frequency: that of a wave of 10 spacings, the shortest with a curvature."""
 WAVE_STEP = 0.2
 """Bound of the step by the liquid's head f h where it moves before its pressure is known: dt <= 0.2 l0 / sqrt(f h)."""
 VISCOUS_STEP = 0.2
 """Bound of the step by explicit viscosity: dt <= 0.2 l0^2 / nu."""
 IMPLICIT_GAIN = 1.5
 """How much longer the step must get for the implicit viscous step, which costs about half of another step, to pay."""
+PROJECTIONS = 10
+"""How often at most the initial velocity is projected: each time leaves half of what a row has towards its wall."""
 
 
 COUNTERS = (
@@ -49,6 +53,7 @@ COUNTERS = (
     "largest_kinetic",
     "contacts",
     "put_back",
+    "surface_distance",
     "iterations",
     "iterations_max",
     "step_min",
@@ -65,7 +70,7 @@ class Work:
     ----------
     density, lean, matrix, inverse, full, source, rhs, smooth, surface_normal, change
         One row a row of the pressure equation; see the kernels.
-    asymmetry, surface, near, force, link_force, intermediate, gradient
+    asymmetry, wet, surface, near, force, link_force, intermediate, gradient
         One row a particle, the halo included.
     """
 
@@ -78,6 +83,7 @@ class Work:
             setattr(self, name, np.zeros((rows, 3)))
         for name, width in (("asymmetry", 3), ("force", 3), ("link_force", 3), ("intermediate", 3), ("gradient", 9)):
             setattr(self, name, np.zeros((count, width)))
+        self.wet = np.ones(count)
         self.surface = np.zeros(count, np.int8)
         self.near = np.zeros(count, np.int8)
         self.nearest = np.empty(rows if liquids.several else 0, np.int32)
@@ -105,7 +111,8 @@ class Simulation:
     plan : Plan
     courant, grid_number, activity : float
         Time step in the units that shifting and damping refer to: u dt / l0 with the greatest speed u,
-        sqrt(f / l0) dt with the body force f, and the latter plus a fifth of the former.
+        sqrt(f / l0 + c / (4 l0^3)) dt with the body force f and the capillary rate c of `Liquids`, and the latter plus
+        a fifth of the former.
     implicit : bool
         Whether the viscous step is implicit, so that it does not bound the time step.
     suction : float
@@ -131,9 +138,10 @@ class Simulation:
         self.laplacian_lattice = lattice(job.dimension, scheme.laplacian_radius)
         self.wide_lattice = lattice(job.dimension, scheme.volume_radius)
         self.surface_lean = self.lattice.lean
+        self.surface_distance = 0.5 * self.l0
         self.plan = make_plan(job, domain.size)
         self.seconds = {stage.name: 0.0 for stage in (*self.plan.solve, *self.plan.move)}
-        self.solver = PressureSolver(domain.comm, scheme.ksp_rtol)
+        self.solver = PressureSolver(domain.comm, scheme.ksp_rtol, scheme.hierarchy_excess)
         self.velocity_solver = VelocitySolver(domain.comm) if "viscosity" in self.seconds else None
         reach = max(scheme.radius, scheme.laplacian_radius) * self.l0
         moved = scheme.position == "moved"
@@ -171,8 +179,7 @@ class Simulation:
     def distribute(self):
         """Give every rank its particles, rows and halo; forget all that depends on the past."""
         p = self.particles
-        weight = np.choose(p.kind[: p.owned], [1.0, 0.5, 0.05, 0.05])
-        self.particles = self.domain.distribute(p, weight, 2.0 * self.l0)
+        self.particles = self.domain.distribute(p, np.choose(p.kind[: p.owned], COSTS), 2.0 * self.l0)
         p = self.particles
         self._first_row = self.domain.first_of(p.rows)
         self.solver.new_layout(p.rows)
@@ -216,7 +223,8 @@ class Simulation:
         """Make the initial velocity one that incompressible liquid in this tank can have; once, at the start.
 
         A velocity towards a wall, as of a tank that starts with a jolt, is stopped by an impulse of pressure
-        in no time: the velocity is projected once, without a body force and without moving anything.
+        in no time: the velocity is projected, without a body force and without moving anything, for as long as this
+        takes kinetic energy from it. What does not is the operators' own error.
 
         Raises
         ------
@@ -227,20 +235,24 @@ class Simulation:
             return
         self.started = True
         p = self.particles
-        velocity = p.velocity[: p.liquid].copy()
-        if self.domain.max(float(np.abs(velocity).max(initial=0.0))) == 0.0:
+        if self.domain.max(float(np.abs(p.velocity[: p.liquid]).max(initial=0.0))) == 0.0:
             return
         self.choose_step(self.job.time.max_step or self.job.output.probes_every)
         self.suction = math.inf  # an impulse has no bound
         self.frame = self.frame._replace(
             force=np.zeros(3), alpha=np.zeros(3), omega=np.zeros(3)
         )
-        for stage in self.plan.project:
-            stage.run(self)
-        pressure_gradient(self)
-        p.velocity[: p.liquid] = velocity - self.dt * p.acceleration[: p.liquid]
+        for _ in range(PROJECTIONS):
+            velocity, energy = p.velocity[: p.liquid].copy(), self.kinetic_energy()
+            for stage in self.plan.project:
+                stage.run(self)
+            pressure_gradient(self)
+            p.velocity[: p.liquid] = velocity - self.dt * p.acceleration[: p.liquid]
+            p.pressure[:] = 0.0
+            if self.kinetic_energy() > energy:
+                p.velocity[: p.liquid] = velocity
+                break
         p.acceleration[:] = 0.0
-        p.pressure[:] = 0.0
         self.frame = self.motion.at(0.0)
         self.contacts = 0
         self.initial_energy = self.kinetic_energy()
@@ -277,7 +289,8 @@ class Simulation:
         """
         entries = self.pairs.count + self.particles.rows
         if self._blocks is None or len(self._blocks.columns) < entries:
-            self._blocks = Blocks(self.particles.rows, entries + entries // 8)
+            room = entries + entries // 8
+            self._blocks = Blocks(self.particles.rows, room, room)
         return self._blocks
 
     def lattice_matrix(self):
@@ -293,9 +306,9 @@ class Simulation:
         return self.work.inverse
 
     def check_floating(self):
-        """Whether to look for liquid without a free surface: after each new distribution."""
+        """Whether to look for parts without a free surface: after a new distribution, and when one got or lost one."""
         check, self._check_floating = self._check_floating, False
-        return check
+        return check or self.floating.outdated(self.domain, self.work.surface[: self.particles.rows])
 
     def evaluate_body_force(self):
         """Body force of the tank's motion on the liquid, at the step's start."""
@@ -361,9 +374,9 @@ class Simulation:
         control, force = self.job.time, np.linalg.norm(self.frame.force)
         bounds = [control.max_step or math.inf]
         if speed > 0.0:
-            bounds.append(control.cfl * self.l0 / speed)
+            bounds.append(self.job.courant * self.l0 / speed)
         if force > 0.0:
-            bounds.append(STEADY_STEP * math.sqrt(self.l0 / force))
+            bounds.append(self.scheme.steady_step * math.sqrt(self.l0 / force))
         if self.liquids.capillary_rate > 0.0:
             bounds.append(CAPILLARY_STEP * math.sqrt(self.l0**3 / self.liquids.capillary_rate))
         if self.scheme.position == "moved":
@@ -378,7 +391,8 @@ class Simulation:
         self.dt = left / steps
         self._end_of_step = until if steps == 1 else self.time + self.dt
         self.courant = speed * self.dt / self.l0
-        self.grid_number = math.sqrt(force / self.l0) * self.dt
+        capillary = self.liquids.capillary_rate * CAPILLARY_SHARE / self.l0**3
+        self.grid_number = math.sqrt(force / self.l0 + capillary) * self.dt
         self.activity = self.grid_number + 0.2 * self.courant
         length, frame = max(self.job.tank.size), self.frame
         strength = force + length * (np.linalg.norm(frame.alpha) + np.linalg.norm(frame.omega) ** 2)

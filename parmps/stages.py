@@ -27,13 +27,18 @@ from parmps.liquids import Liquids
 from parmps.particles import DUMMY, FLUID, WALL
 
 VOLUME_EVERY = 10
-"""Steps between two measurements of the volume error, which changes slowly."""
+"""Steps between two measurements of the volume error and of the surface row, which change slowly."""
 
 VOLUME_SHARE = 0.1
 """Share of the volume error to remove per u dt / l0, u the greatest speed, where volume_time is longer than that."""
 
 RESIDUAL_DAMPING = 2.0
 """Damping of a velocity difference that no linear field explains, per (difference) dt / l0."""
+
+
+MOST_OVERDENSITY = 0.2
+"""Density above the allowed one, over n0, beyond which particles are pushed apart no harder: a pile that goes apart
+at once, as of a random start, gets more energy from it than its weight has."""
 
 
 class Stage(NamedTuple):
@@ -157,13 +162,16 @@ def make_plan(job, ranks):
         measure_volume,
         "volume_time is null",
     )
-    moments = Stage("density", "moments of the neighbourhood and free surface", measure_density)
+    moments = [
+        Stage("density", "moments of the neighbourhood and free surface", measure_density),
+        *when(not job.full, "surface", "pressure is zero on the free surface", locate_surface, "the tank is full"),
+    ]
     return Plan(
         [
             *halo,
             *search,
             *walls,
-            moments,
+            *moments,
             *interfaces,
             Stage("impulse", "walls stop the initial velocity at once", balance_impulse),
             Stage("divergence", "source of the pressure equation", measure_divergence),
@@ -173,7 +181,7 @@ def make_plan(job, ranks):
             *halo,
             *search,
             *walls,
-            moments,
+            *moments,
             *interfaces,
             *curvature,
             *volume,
@@ -247,8 +255,13 @@ def find_neighbours(sim):
 def measure_density(sim):
     """Number density, free surface, and the moment matrices of the corrected operators."""
     p, s, w = sim.particles, sim.scheme, sim.work
+    has_surface = not sim.job.full
+    if has_surface and s.position == "start":
+        density.wet_walls(p.position, p.normal, *sim.pairs.wet, sim.strength, p.liquid, p.rows, w.wet)
+        sim.domain.exchange(w.wet)
     density.moments(
         p.position,
+        w.wet,
         *sim.pairs.wet,
         sim.strength,
         sim.l0,
@@ -259,19 +272,40 @@ def measure_density(sim):
         w.lean,
         w.matrix,
     )
-    asymmetry = sim.lattice.asymmetry
-    if s.position == "start" and sim.dimension == 3:  # in 2D the density alone tells particles in corners
-        asymmetry = sim.lattice.corner_asymmetry
-    density.mark_surface(w.density, w.asymmetry, sim.lattice.density, 0.9 * asymmetry, w.surface)
-    if s.position == "start":
-        w.surface[p.liquid : p.rows] = 0
-    else:  # the papers' wall particles can be in the surface, and then have no pressure
-        density.mark_dry(p.kind, *sim.pairs.lists, p.liquid, p.rows, w.surface)
+    if has_surface:  # in a full tank a gap between particles is none of the liquid
+        density.mark_surface(w.density, w.asymmetry, sim.lattice.density, 0.9 * sim.lattice.asymmetry, w.surface)
+        if s.position == "start":
+            w.surface[p.liquid : p.rows] = 0
+        else:  # the papers' wall particles can be in the surface, and then have no pressure
+            density.mark_dry(p.kind, *sim.pairs.lists, p.liquid, p.rows, w.surface)
     sim.domain.exchange(w.asymmetry, w.surface)
     if s.gradient == "corrected":
         density.invert(w.matrix, s.divergence_floor, sim.dimension, w.inverse)
         gradient.add_missing_moment(w.matrix, w.surface, w.lean, sim.lattice.density, sim.dimension, w.full)
         density.invert(w.full, s.gradient_floor, sim.dimension, w.full)
+
+
+def locate_surface(sim):
+    """Normals of the free surface, and its mean distance from the particles below it."""
+    p, w = sim.particles, sim.work
+    density.surface_normals(
+        p.position, w.asymmetry, w.surface, *sim.pairs.wet, sim.strength, p.liquid, w.surface_normal
+    )
+    if sim.step_number % VOLUME_EVERY:
+        return
+    found = density.row_density(
+        p.position,
+        p.kind,
+        w.surface,
+        w.surface_normal,
+        *sim.pairs.lists,
+        sim.l0,
+        sim.scheme.radius,
+        sim.lattice.row_density,
+        p.liquid,
+    )
+    total, count = sim.domain.sum(np.array(found))
+    sim.surface_distance = 0.5 * sim.l0 * (total / count if count else 1.0)
 
 
 def measure_volume(sim):
@@ -296,10 +330,9 @@ def smooth_density(sim):
         Where the support is whole: away from the surface.
     """
     p, s, w = sim.particles, sim.scheme, sim.work
-    sim.wide_pairs.find(p)
-    density.smooth_density(
-        sim.wide_pairs.lists[0], sim.wide_pairs.square, sim.l0, s.volume_radius, p.liquid, w.smooth
-    )
+    wide = sim.wide_pairs
+    for begin, end in wide.parts(p):
+        density.smooth_density(wide.lists[0], wide.square, sim.l0, s.volume_radius, end - begin, w.smooth[begin:end])
     near = w.near
     near[:] = w.surface
     for _ in range(math.ceil(s.volume_radius / s.radius)):
@@ -372,13 +405,16 @@ def add_viscosity(sim):
 def add_contacts(sim):
     """Stop particles that are about to overlap."""
     p, s = sim.particles, sim.scheme
+    reach = min(s.collision_distance + 2.0 * sim.courant, s.radius)  # two particles that run into each other
     sim.contacts += velocity.add_contacts(
         p.position,
         p.velocity,
         p.kind,
         *sim.pairs.wet,
         sim.strength,
-        weight(s.collision_distance, s.radius) / (s.collision_distance * sim.l0) ** 2,
+        weight(reach, s.radius) / (reach * sim.l0) ** 2,
+        s.collision_distance * sim.l0,
+        sim.dt,
         p.liquid,
         sim.work.intermediate,
         sim.fluid,
@@ -450,7 +486,7 @@ def measure_divergence(sim):
         trace = trace - p.compression[:rows] * rate
     over = over / sim.packing()
     share = min(s.separation * (sim.grid_number + sim.courant), 0.2)
-    trace = trace - share * np.maximum(over - s.overdensity, 0.0) / sim.dt
+    trace = trace - share * np.clip(over - s.overdensity, 0.0, MOST_OVERDENSITY) / sim.dt
     w.source[:rows] = trace / sim.dt
 
 
@@ -476,6 +512,7 @@ def solve_pressure(sim):
         sim.dimension,
         sim.liquids.reference,
         0.5 if s.gradient == "corrected" else 1.0,
+        sim.surface_distance,
         s.surface == "ghost",
         *blocks.arrays,
         blocks.at_diagonal,
@@ -523,7 +560,7 @@ def accelerate(sim):
         sim.fluid,
         sim.liquids.share,
         sim.liquids.sheet,
-        None if w.near_interface is None else w.near_interface.normal,
+        *((None, None) if w.near_interface is None else (w.near_interface.slips, w.near_interface.normal)),
     )
     velocity.accelerate(w.intermediate, w.change, w.link_force, sim.dt, p.liquid, p.acceleration, p.velocity)
     sim.count_work()
@@ -541,7 +578,7 @@ def pressure_gradient(sim):
             *sim.pairs.wet,
             sim.strength,
             w.full,
-            sim.l0,
+            sim.surface_distance,
             sim.lattice.density,
             sim.dimension,
             p.liquid,
@@ -572,9 +609,6 @@ def pressure_gradient(sim):
 def move(sim):
     """r^(n+1) = r^n + dt v^(n+1), with shifting; surface particles keep half a spacing below the surface."""
     p, s, w = sim.particles, sim.scheme, sim.work
-    density.surface_normals(
-        p.position, w.asymmetry, w.surface, *sim.pairs.wet, sim.strength, p.liquid, w.surface_normal
-    )
     beyond = None
     if w.near_interface is not None:
         beyond = w.near_interface.beyond
@@ -590,6 +624,7 @@ def move(sim):
         w.gradient,
         sim.l0,
         sim.surface_lean,
+        sim.surface_distance,
         min(s.shifting * (sim.grid_number + sim.courant), 0.2),
         sim.dt,
         p.liquid,

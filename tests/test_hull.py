@@ -141,9 +141,9 @@ def test_surface_from_a_file(tmp_path):
     found, _ = hull.distance(point)
     assert np.abs(found - exact)[exact > 0].max() < 0.2 * p.spacing
     assert (found[exact < -0.1 * p.spacing] < 0).all()
-    shell = hull.shell(0.04, 0.08)
-    np.testing.assert_allclose(hull.distance(shell.position)[0], -0.04, atol=2e-3)
-    gap = cKDTree(shell.position).query(shell.position, 2)[0][:, 1] / 0.08
+    shell = p.geometry.arrangement.shells[0]
+    np.testing.assert_allclose(hull.distance(shell.position)[0], -0.5 * p.spacing, atol=2e-3)
+    gap = cKDTree(shell.position).query(shell.position, 2)[0][:, 1] / p.spacing
     assert gap.min() > 0.6 and gap.max() < 1.3
 
 
@@ -234,10 +234,24 @@ def test_baffles_with_openings(baffle, face, edges, through, wall):
 
 
 def test_counts_of_the_papers():
+    """Walls on the wall lines, one layer and two of dummies; the paper prints 2.2 million for 4.5 mm alone."""
     baffled = load_job("jobs/baffled_tank_3d.yaml", ["spacing=0.005"])
     assert count_particles(baffled, "line", 5)[0]["fluid"] == 274_195
-    fine = load_job("jobs/lng_tank.yaml", ["spacing=0.0045"])
-    assert count_particles(fine, "half")[0]["total"] == pytest.approx(2.2e6, rel=0.02)
+    for spacing, total in ((0.0045, 2.2e6), (0.006, 0.96e6)):
+        job = load_job("jobs/lng_tank.yaml", [f"spacing={spacing}"])
+        assert count_particles(job, "line")[0]["total"] == pytest.approx(total, rel=0.02)
+
+
+@pytest.mark.parametrize("tank", [PRISM_2D, VEE, DISC, PRISM_3D, CYLINDER, BALL])
+@pytest.mark.parametrize("fill", [0.2, 0.8])
+def test_fill_is_exact_to_half_a_row(tank, fill):
+    """Count times the volume of the lattice's cell misses the fill by less than half a row across the tank."""
+    p = place(job_of(tank, f"fill: {fill}", 0.08 if tank == BALL else 0.04), "half")
+    low, high = p.geometry.walls.container[:, :2]
+    across = np.prod((high - low)[: p.geometry.dimension - 1])
+    wanted = fill * CONTENTS[tank]
+    assert abs(p.total_fluid * p.spacing**p.geometry.dimension - wanted) < 0.5 * p.spacing * across
+    assert p.volume.sum() == pytest.approx(wanted, rel=1e-9)
 
 
 @pytest.fixture
@@ -267,6 +281,24 @@ def test_water_at_rest_beside_sloped_and_curved_walls(start, tank):
     assert np.sqrt(np.mean(np.sum(p.velocity[liquid] ** 2, axis=1))) < 1e-3 * np.sqrt(G * 0.4)
     assert abs(sim.volume_drift()) < 1e-3
     assert sim.put_back == 0
+
+
+def test_a_nearly_full_tank_closes(start):
+    """Where the last surface particle goes, the pressure is known up to a constant: from that step on."""
+    sim = start(
+        parse_job(
+            "dimension: 2\nspacing: 0.02\ntank: {shape: cylinder, size: [0.5, 0.5]}\ntime: {end: 1, cfl: 0.4}\n"
+            "fluids: [{name: water, fill: 0.99}]\n"
+            "motion: [{kind: pitch, amplitude_deg: 25, omega: 7.0, centre: [0.25, 0.25]}]"
+        )
+    )
+    closed = []
+    while sim.time < 0.3:
+        sim.step(0.3)
+        closed.append(sim.floating.count)
+    assert (closed[0], max(closed)) == (0, 1)
+    assert abs(sim.energy_drift()) < 0.02
+    assert abs(sim.volume_drift()) < 0.02
 
 
 def test_free_wave_between_walls_of_45_degrees(start):

@@ -5,9 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from parmps.kernels import density, gradient, poisson, shifting, velocity, viscosity
+from parmps.kernels.graph import join, number_parts
 from parmps.kernels.walls import Walls
 from parmps.kernels.weight import lattice, smooth_weight, weight
 from parmps.loader import parse_job
@@ -89,13 +91,13 @@ CASES = [(2, 0.0), (2, 0.25), (3, 0.0), (3, 0.25)]
 on_all = pytest.mark.parametrize(("dimension", "noise"), CASES)
 
 
-def moments_of(c):
+def moments_of(c, wet=None):
     out = SimpleNamespace(
         density=np.zeros(c.rows), asymmetry=np.zeros((len(c.p), 3)), lean=np.zeros((c.rows, 3)),
         matrix=np.zeros((c.rows, 6)),
     )  # fmt: skip
     density.moments(
-        c.p.position, *c.wet, c.l0, c.lat.density, c.dimension,
+        c.p.position, np.ones(len(c.p)) if wet is None else wet, *c.wet, c.l0, c.lat.density, c.dimension,
         out.density, out.asymmetry, out.lean, out.matrix,
     )  # fmt: skip
     return out
@@ -193,11 +195,12 @@ def test_no_neighbours_through_a_baffle(noise):
 @on_all
 def test_moments(dimension, noise):
     c = make_case(dimension, noise)
-    got = moments_of(c)
+    wet = np.where(c.p.kind == 1, c.rng.random(len(c.p)), 1.0)
+    got = moments_of(c, wet)
     scale = c.dimension / c.lat.density
-    np.testing.assert_allclose(got.density, c.w.sum(axis=1), rtol=1e-12)
+    np.testing.assert_allclose(got.density, c.w @ wet, rtol=1e-12)
     np.testing.assert_allclose(
-        got.asymmetry[: c.rows], -scale * np.einsum("ij,ijk->ik", c.w / c.r, c.d), atol=1e-12
+        got.asymmetry[: c.rows], -scale * np.einsum("ij,ijk->ik", c.w * wet / c.r, c.d), atol=1e-12
     )
     w = np.where(c.p.kind == 2, 0.0, c.w)
     np.testing.assert_allclose(got.lean, -np.einsum("ij,ijk->ik", w / c.r**2, c.d), atol=1e-12)
@@ -206,7 +209,7 @@ def test_moments(dimension, noise):
     if noise == 0.0:
         # dummies have no part in the moments: two rows from the walls they are those of the lattice
         away = np.flatnonzero(
-            (got.density > c.lat.density - 1e-9) & ~(c.listed & (c.p.kind == 2)).any(axis=1)
+            (c.w.sum(axis=1) > c.lat.density - 1e-9) & ~(c.listed & (c.p.kind == 2)).any(axis=1)
         )
         assert len(away)
         np.testing.assert_allclose(got.matrix[away][:, [0, 5]], 1.0, rtol=1e-9)
@@ -272,29 +275,75 @@ def test_surface_window():
     assert surface.tolist() == [1, 0, 1, 0, 1, 0]
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
-def test_the_surface_of_liquid_at_rest_is_its_top_row(dimension):
+def surface_at_rest(dimension):
+    """The tank at rest, its moments and the particles found in the surface."""
     c = make_case(dimension, 0.0)
-    m = moments_of(c)
+    wet = np.ones(len(c.p))
+    density.wet_walls(c.p.position, c.p.normal, *c.wet, c.p.liquid, c.rows, wet)
+    m = moments_of(c, wet)
     surface = np.zeros(len(c.p), np.int8)
     density.mark_surface(m.density, m.asymmetry, c.lat.density, 0.9 * c.lat.asymmetry, surface)
-    z = c.p.position[: c.p.liquid, 2]
-    plan = c.p.position[: c.p.liquid, : dimension - 1]
-    at_wall = (plan < c.l0) | (plan > plan.max(axis=0) - 0.5 * c.l0)
-    corner = at_wall.all(axis=1) & (dimension == 3)  # walls on two sides hold |F| below the papers' threshold
-    expected = (z > z.max() - 0.5 * c.l0) & ~corner
-    np.testing.assert_array_equal((surface[: c.p.liquid] != 0) & ~corner, expected)
-    normal = np.zeros((c.p.liquid, 3))
     surface[c.p.liquid :] = 0
-    density.surface_normals(
-        c.p.position, m.asymmetry, surface, *c.wet, c.p.liquid, normal
-    )
-    middle = np.linalg.norm(
-        c.p.position[: c.p.liquid, :2] - c.p.position[: c.p.liquid, :2].mean(axis=0), axis=1
-    )
-    top = (middle < 1.2 * c.l0) & (surface[: c.p.liquid] != 0)
-    np.testing.assert_allclose(normal[top], np.tile([0.0, 0.0, 1.0], (top.sum(), 1)), atol=5e-3)
+    normal = np.zeros((c.p.liquid, 3))
+    density.surface_normals(c.p.position, m.asymmetry, surface, *c.wet, c.p.liquid, normal)
+    return c, wet, surface, normal
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_the_surface_of_liquid_at_rest_is_its_top_row(dimension):
+    c, _, surface, normal = surface_at_rest(dimension)
+    z = c.p.position[: c.p.liquid, 2]
+    top = z > z.max() - 0.5 * c.l0
+    np.testing.assert_array_equal(surface[: c.p.liquid] != 0, top)
+    plan = c.p.position[: c.p.liquid, : dimension - 1]
+    inner = top & ((plan > c.l0) & (plan < plan.max(axis=0) - 0.5 * c.l0)).all(axis=1)
+    np.testing.assert_allclose(normal[inner], np.tile([0.0, 0.0, 1.0], (inner.sum(), 1)), atol=5e-3)
+    # dummies, of small weight, are not known to be dry
+    assert normal[top, 2].min() > 0.99
     assert not normal[z < z.max() - 2.5 * c.l0].any()
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_walls_are_wet_below_the_surface_and_dry_above(dimension):
+    c, wet, _, _ = surface_at_rest(dimension)
+    level = c.p.position[: c.p.liquid, 2].max() + 0.5 * c.l0
+    walls = np.flatnonzero(c.p.kind == 1)
+    np.testing.assert_array_equal(wet[walls], c.p.position[walls, 2] < level)
+    assert 0 < wet[walls].sum() < len(walls)
+    np.testing.assert_array_equal(np.delete(wet, walls), 1.0)
+
+
+def mean_row_density(c, surface, normal):
+    pairs = Pairs(REACH * c.l0, c.solids)
+    pairs.find(c.p)
+    total, count = density.row_density(
+        c.p.position, c.p.kind, surface, normal, *pairs.lists, c.l0, REACH, c.lat.row_density, c.p.liquid
+    )
+    return total / count
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_the_surface_row_of_the_lattice_has_density_one(dimension):
+    c, _, surface, normal = surface_at_rest(dimension)
+    assert mean_row_density(c, surface, normal) == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.parametrize("fewer", [1, 2, -2])
+def test_density_of_a_surface_row_of_other_numbers(fewer):
+    c, _, surface, normal = surface_at_rest(2)
+    row = np.flatnonzero(surface)
+    # from the row to the one below it, or back; the others close up
+    moved = c.p.position[: c.p.liquid, 2].argsort()[: abs(fewer)] if fewer < 0 else row[:fewer]
+    row = np.union1d(row, moved) if fewer < 0 else np.setdiff1d(row, moved)
+    level = c.p.position[: c.p.liquid, 2].max()
+    c.p.position[moved, 2] = level - 0.9 * c.l0
+    surface[moved] = 0
+    surface[row] = 1
+    normal[row] = 0.0, 0.0, 1.0
+    c.p.position[row, 0] = (np.arange(len(row)) + 0.5) * 16 * c.l0 / len(row)
+    c.p.position[row, 2] = level
+    # the walls continue it with the lattice's spacing, which the ends see
+    assert mean_row_density(c, surface, normal) == pytest.approx(1.0 - fewer / 16, abs=0.025)
 
 
 @on_all
@@ -317,14 +366,14 @@ def test_corrected_gradient(dimension, noise):
     density.invert(m.matrix, 0.6, dimension, inverse)
     out = np.zeros((len(c.p), 3))
     gradient.corrected_gradient(
-        c.p.position, c.scalar, c.surface, m.lean, *c.wet, inverse, c.l0, c.lat.density,
+        c.p.position, c.scalar, c.surface, m.lean, *c.wet, inverse, 0.4 * c.l0, c.lat.density,
         dimension, c.rows, out,
     )  # fmt: skip
     pressure = np.where(c.surface != 0, np.maximum(c.scalar, 0.0), c.scalar)
     w = np.where(c.p.kind == 2, 0.0, c.w) / c.r**2
     jump = pressure[None, :] - pressure[: c.rows, None]
     total = np.einsum("ij,ijk->ik", w * jump, c.d)
-    total -= np.where(c.surface[: c.rows] != 0, 2.0 * pressure[: c.rows], 0.0)[:, None] * m.lean
+    total -= np.where(c.surface[: c.rows] != 0, pressure[: c.rows] / 0.4, 0.0)[:, None] * m.lean
     reference = dimension / (c.lat.density * c.l0) * np.einsum("nij,nj->ni", full_matrix(inverse), total)
     np.testing.assert_allclose(out[: c.rows], reference, atol=1e-9 * np.abs(reference).max())
 
@@ -340,7 +389,7 @@ def test_gradients_are_exact_for_linear_fields(dimension, noise):
     out = np.zeros((len(c.p), 3))
     liquid = c.p.liquid
     gradient.corrected_gradient(
-        c.p.position, c.p.position @ slope + 7.0, none, m.lean, *c.wet, inverse, c.l0,
+        c.p.position, c.p.position @ slope + 7.0, none, m.lean, *c.wet, inverse, 0.5 * c.l0,
         c.lat.density, dimension, liquid, out,
     )  # fmt: skip
     np.testing.assert_allclose(out[:liquid], np.tile(slope, (liquid, 1)), atol=1e-8 * 9800)
@@ -517,17 +566,17 @@ def test_reflection_at_walls(dimension, noise):
 @on_all
 def test_contacts(dimension, noise):
     c = make_case(dimension, noise)
-    n, least = c.p.liquid, 1.05
+    n, least, reach, dt = c.p.liquid, 0.9, 1.5, 0.3 * c.l0
     out = np.zeros((len(c.p), 3))
-    nearest = kernel(least) / (least * c.l0) ** 2
-    count = velocity.add_contacts(c.p.position, c.vector, c.p.kind, *c.wet, nearest, n, out)
-    d, r = c.d[:n, :n], c.r[:n, :n]
-    closing = np.einsum("ijk,ijk->ij", c.vector[None, :n] - c.vector[:n, None], d)
-    hit = c.listed[:n, :n] & (r < least) & (closing < 0.0)
+    within = kernel(reach) / (reach * c.l0) ** 2
+    count = velocity.add_contacts(c.p.position, c.vector, c.p.kind, *c.wet, within, least * c.l0, dt, n, out)
+    d, r = c.d[:n, :n], np.where(c.listed[:n, :n], c.r[:n, :n], np.inf)
+    towards = -np.einsum("ijk,ijk->ij", c.vector[None, :n] - c.vector[:n, None], d) / r
+    allowed = np.where(np.isfinite(r), np.maximum(r - least, 0.0) * c.l0 / dt, 0.0)
+    hit = (r < reach) & (towards > allowed)
     assert count == hit.sum() > 0
-    np.testing.assert_allclose(
-        out[:n], np.einsum("ij,ijk->ik", np.where(hit, 0.5 * closing / r**2, 0.0), d), atol=1e-12
-    )
+    slower = np.where(hit, 0.5 * (towards - allowed) / r, 0.0)
+    np.testing.assert_allclose(out[:n], -np.einsum("ij,ijk->ik", slower, d), atol=1e-12)
     np.testing.assert_allclose(out.sum(axis=0), 0.0, atol=1e-10)
 
 
@@ -580,7 +629,7 @@ def test_greatest_speed_and_distance():
 # Pressure equation
 
 
-def assemble(c, surface, link, wall, source, ghost, pressure, share=0.5):
+def assemble(c, surface, link, wall, source, ghost, pressure, share=0.5, distance=0.5):
     rows, entries = c.rows, len(c.lists[1]) + c.rows
     column = np.full(len(c.p), -1, np.int32)
     column[:rows] = np.arange(rows)
@@ -590,7 +639,7 @@ def assemble(c, surface, link, wall, source, ghost, pressure, share=0.5):
     at, rhs = np.zeros(rows, np.int32), np.zeros(rows)
     poisson.poisson_rows(
         c.p.position, c.p.kind, surface, link, wall, source, pressure, column, *c.wet, c.l0, c.lat.density,
-        c.lat.lam, c.dimension, 1000.0, share, ghost, first, columns, values, halo_first, halo_columns,
+        c.lat.lam, c.dimension, 1000.0, share, distance * c.l0, ghost, first, columns, values, halo_first, halo_columns,
         halo_values, at, rhs,
     )  # fmt: skip
     assert halo_first[-1] == 0
@@ -612,7 +661,7 @@ def test_poisson_rows(dimension, noise, ghost):
     rows, n, share = c.rows, c.p.liquid, 0.5
     wall_force = c.rng.normal(size=(len(c.p), 3))
     source = c.rng.normal(size=rows)
-    got, rhs = assemble(c, c.surface, c.vector, wall_force, source, ghost, c.scalar, share)
+    got, rhs = assemble(c, c.surface, c.vector, wall_force, source, ghost, c.scalar, share, distance=0.4)
     scale = 2.0 * dimension / (c.lat.density * c.lat.lam * c.l0**2)
     matrix, right = np.zeros((rows, rows)), np.zeros(rows)
     for i in range(rows):
@@ -630,7 +679,7 @@ def test_poisson_rows(dimension, noise, ghost):
                 matrix[i, j] -= scale * w
         if c.surface[i]:
             missing = -c.w[i] @ np.where(np.isfinite(c.r[i])[:, None], c.d[i], 0.0)
-            extra = max(2.0 * np.linalg.norm(missing), c.lat.density - c.w[i].sum())
+            extra = max(np.linalg.norm(missing) / 0.4, c.lat.density - c.w[i].sum())
             matrix[i, i] += scale * extra
             flux += c.vector[i] @ missing
         held, least = 0.0, scale * poisson.WEAKEST_WALL
@@ -704,7 +753,7 @@ def test_move_without_shifting_or_surface_follows_the_velocity(dimension, noise)
     m = moments_of(c)
     shifting.move(
         c.p.position, c.vector, c.p.kind, m.asymmetry, none, np.zeros((n, 3)), m.lean,
-        np.zeros((len(c.p), 9)), c.l0, 1.0, 0.0, dt, n,
+        np.zeros((len(c.p), 9)), c.l0, 1.0, 0.5 * c.l0, 0.0, dt, n,
     )  # fmt: skip
     np.testing.assert_allclose(c.p.position[:n], before[:n] + dt * c.vector[:n], atol=1e-15)
     np.testing.assert_array_equal(c.p.position[n:], before[n:])
@@ -722,7 +771,7 @@ def test_shifting_evens_the_spacing_and_carries_the_velocity_along(dimension, no
     normal = np.tile([0.0, 0.0, 1.0], (n, 1)) * (np.arange(n) % 2)[:, None]
     shifting.move(
         c.p.position, speed, c.p.kind, m.asymmetry, none, normal, m.lean,
-        np.tile(tensor.ravel(), (len(c.p), 1)), c.l0, 1.0, shift, 0.0, n,
+        np.tile(tensor.ravel(), (len(c.p), 1)), c.l0, 1.0, 0.5 * c.l0, shift, 0.0, n,
     )  # fmt: skip
     step = shift * c.l0 * m.asymmetry[:n]
     step -= np.sum(step * normal, axis=1)[:, None] * normal
@@ -744,3 +793,19 @@ def test_particles_are_put_back_from_walls_and_lose_the_speed_towards_them():
         position[:, [0, 2]], [[0.01, 0.3], [0.5, 0.49], [0.99, 0.01], [0.5, 0.25]], atol=1e-12
     )
     np.testing.assert_allclose(speed[:, [0, 2]], [[0, 2], [1, -3], [0, 0], [5, 5]], atol=1e-12)
+
+
+# Graphs
+
+
+@pytest.mark.parametrize("edges", [0, 60, 150, 1000])
+def test_connected_parts_are_those_of_scipy(edges):
+    rng = np.random.default_rng(edges)
+    begins, columns = np.sort(rng.integers(0, 150, edges)), rng.integers(0, 200, edges).astype(np.int32)
+    first = np.searchsorted(begins, np.arange(151)).astype(np.int32)  # the last vertices have edges to them alone
+    part = np.arange(200)
+    join(first, columns, part)
+    count = number_parts(part)
+    expected, label = connected_components(csr_matrix((np.ones(edges), (begins, columns)), shape=(200, 200)), False)
+    assert count == expected
+    assert len(set(zip(part.tolist(), label.tolist(), strict=True))) == expected

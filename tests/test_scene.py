@@ -72,7 +72,8 @@ def test_defaults():
     assert job.tank.shape == "box"
     assert job.initial.kind == "rest"
     assert job.fluids[0].density == 1000.0
-    assert job.time.cfl == 0.2
+    assert job.time.cfl is None
+    assert job.courant == job.scheme.courant == 0.4
     assert job.time.max_step is None
     assert job.output.particles_every == 0.1
     assert job.output.probes_every == 0.005

@@ -282,3 +282,55 @@ def test_liquid_stays_behind_when_the_tank_starts_with_a_jump(start):
     sim = start(FULL, "fluids[0].depth=0.1", "motion=[{kind: surge, amplitude: 0.02, omega: 7.0}]")
     p = sim.particles
     np.testing.assert_allclose(p.velocity[: p.liquid], np.tile([-0.14, 0.0, 0.0], (p.liquid, 1)), atol=1e-12)
+
+
+BLOCKS = """
+dimension: 2
+spacing: 0.004
+gravity: 0
+tank: {size: [0.4, 0.3]}
+fluids: [{name: water, depth: 0.1}]
+time: {end: 1.0e-3, cfl: 0.4}
+"""
+
+
+def test_two_blocks_that_collide_go_on_as_one_block_does_from_a_wall(start, tmp_path):
+    def block(low, speed):
+        x, z = np.meshgrid(low + 0.004 * (np.arange(25) + 0.5), 0.1 + 0.004 * (np.arange(25) + 0.5))
+        return np.stack([x.ravel(), z.ravel()], axis=1), np.tile([speed, 0.0], (625, 1))
+
+    def collide(*blocks):
+        with h5py.File(tmp_path / "blocks.h5", "w") as file:
+            file["position"], file["velocity"] = (np.concatenate(arrays) for arrays in zip(*blocks, strict=True))
+        sim = start(BLOCKS, f"initial={{kind: file, path: {tmp_path / 'blocks.h5'}}}")
+        energy = sim.kinetic_energy()
+        while sim.time < sim.job.time.end:
+            sim.step(sim.job.time.end)
+            assert sim.kinetic_energy() < 1.001 * energy
+        return sim.kinetic_energy() / energy
+
+    both = collide(block(0.09, 25.0), block(0.21, -25.0))
+    assert both == pytest.approx(collide(block(0.28, 25.0)), abs=0.1)
+
+
+def test_liquid_in_a_tank_that_starts_to_turn_has_the_flow_of_the_torsion_function(start):
+    """Liquid at rest has the vorticity -2 omega in the tank: grad^2 psi = 2 omega, psi = 0 on the walls.
+
+    The series is that of the torsion of a rectangular bar (Timoshenko & Goodier, Theory of Elasticity, section 109).
+    """
+    length, height, omega = 0.4, 0.3, np.radians(90.0) * 6.0
+    sim = start(
+        f"dimension: 2\nspacing: 0.01\ntank: {{size: [{length}, {height}]}}\nfluids: [{{name: water, depth: 0.3}}]\n"
+        "motion: [{kind: roll, amplitude_deg: 90, omega: 6.0}]\ntime: {end: 1.0}\n"
+    )
+    sim.start()
+    x, z = sim.particles.position[: sim.particles.liquid, ::2].T
+    u = w = 0.0
+    for n in range(1, 80, 2):
+        k = n * np.pi / length
+        scale, y, end = 8.0 * omega / (k**2 * n * np.pi), k * (z - height / 2.0), np.cosh(k * height / 2.0)
+        u = u + scale * k * np.sinh(y) / end * np.sin(k * x)
+        w = w + scale * k * (1.0 - np.cosh(y) / end) * np.cos(k * x)
+    v = sim.particles.velocity[: sim.particles.liquid]
+    error = np.hypot(v[:, 0] + u, v[:, 2] + w) ** 2
+    assert np.sqrt(error.mean() / (u**2 + w**2).mean()) < 0.08

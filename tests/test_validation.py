@@ -68,6 +68,41 @@ def test_spectral_method_has_the_period_of_finite_amplitude_theory():
     assert 2.0 * np.pi / crossings[-1] == pytest.approx(wanted, rel=3e-4)
 
 
+@pytest.mark.parametrize("side", [0, 1])
+def test_spectral_method_in_3d_has_the_waves_along_each_side(side):
+    amplitude, omega, time = 0.02, 4.0, np.linspace(0.0, 1.5, 31)
+
+    def run(flow, at, axis):
+        flow.potential = flow.potential - amplitude * omega * (at - LENGTH / 2.0)
+        return flow.run(time, 0.02, lambda t: -amplitude * omega**2 * np.sin(omega * t) * axis)
+
+    flat = potential.PotentialFlow(LENGTH, DEPTH, G, order=3, modes=6)
+    sides = (LENGTH, 0.7) if side == 0 else (0.7, LENGTH)
+    deep = potential.PotentialFlow(sides[0], DEPTH, G, order=3, modes=6, width=sides[1])
+    wanted = run(flat, flat.x, np.ones(1))
+    found = run(deep, (deep.x, deep.y)[side], np.eye(2)[side])
+    np.testing.assert_allclose(np.take(found, 0, axis=2 - side), wanted, atol=1e-9)
+
+
+def test_spectral_method_in_3d_has_the_period_of_linear_theory():
+    k = np.pi * np.hypot(1.0 / LENGTH, 1.0 / 0.7)
+    omega, time = np.sqrt(G * k * np.tanh(k * DEPTH)), np.linspace(0.0, 1.0, 21)
+    flow = potential.PotentialFlow(LENGTH, DEPTH, G, order=1, modes=4, width=0.7)
+    flow.potential = np.cos(np.pi * flow.x / LENGTH) * np.cos(np.pi * flow.y / 0.7)
+    found = flow.run(time, 0.01)[:, 1, 1]
+    np.testing.assert_allclose(found, omega / G * np.sin(omega * time), atol=1e-4 * omega / G)
+
+
+def test_linear_theory_of_a_baffle_that_is_none(monkeypatch):
+    case = validation.load_case("baffled_3d")
+    monkeypatch.setattr(case, "CELLS", 40)
+    changes = ["tank.baffles=[{x: 0.285, bottom: 0.1999, top: 0.23, thickness: 0.006}]", "motion[0].omega=5.0"]
+    job = load_job(VALIDATION / "baffled_3d" / "case.yaml", changes)
+    time = np.linspace(0.0, 2.0, 201)
+    theory = potential.surge_response(0.01, time, 0.57, 0.2, 9.8, 0.03, 5.0)
+    np.testing.assert_allclose(case.linear(job, 2.0, 201), theory, atol=0.01 * np.abs(theory).max())
+
+
 def test_decay_of_a_wave_in_a_deep_tank_is_that_of_its_end_walls():
     # for k h -> infinity the bottom is still, and both ends together take sqrt(nu omega / 2) / L
     nu = 1e-6

@@ -36,7 +36,7 @@ def forcing(layers, k, length, centre_height):
     return euler, tilt
 
 
-def roll_response(layers, length, amplitude, omega, centre_height, times, modes=15, damping=0.0):
+def roll_response(layers, length, amplitude, omega, centre_height, times, modes=15, damping=0.0, power=0):
     """Elevations of the layers' tops at the left wall, in the tank, after theta = amplitude sin(omega t).
 
     Parameters
@@ -52,6 +52,8 @@ def roll_response(layers, length, amplitude, omega, centre_height, times, modes=
         Number of odd modes.
     damping : float
         Ratio of damping of every free wave.
+    power : int
+        Count the odd mode m with 1 / m^power: 2 for what the centres of the liquids tell (see `layer_modes`).
 
     Returns
     -------
@@ -74,5 +76,22 @@ def roll_response(layers, length, amplitude, omega, centre_height, times, modes=
                 return [y[1], drive - w * w * y[0] - 2.0 * damping * w * y[1]]
 
             done = solve_ivp(rates, (0.0, times[-1]), [0.0, impulse[number]], t_eval=times, rtol=1e-8, atol=1e-12)
-            total += np.outer(done.y[0], shape[:, number])
+            total += np.outer(done.y[0] / m**power, shape[:, number])
     return total
+
+
+def layer_modes(results):
+    """Elevations of the layers' tops in the first mode, m: (frames, layers), from the centres of the liquids.
+
+    a cos(k x) moves the liquid below by sum (x - L / 2) V = -2 a / k^2: no definition of the interface is needed.
+    The n-th odd mode takes part with 1 / n^2.
+    """
+    job = results.job
+    k, length = np.pi / job.tank.length, job.tank.length
+    volume = length * sum(fluid.depth for fluid in job.fluids) / len(results.liquid(0.0)["fluid"])
+    found = []
+    for time in results.frames:
+        liquid = results.liquid(time)
+        x, number = liquid["position"][:, 0] - length / 2.0, liquid["fluid"]
+        found.append([-0.5 * k * k * volume * x[number <= layer].sum() for layer in range(len(job.fluids))])
+    return np.array(found)

@@ -1,13 +1,14 @@
-"""Potential flow in a rectangular 2D tank: the references of the wave cases.
+"""Potential flow in a rectangular tank: the references of the wave cases.
 
-Tank frame, x along the tank, elevation z = 0 at the still level. Everything even about the end walls: functions of
-x are cosine series, k_n = n pi / length. A surging tank adds the body force -X''(t).
+Tank frame, x along the tank and y across, elevation z = 0 at the still level. Everything even about the walls:
+functions of x are cosine series, k_n = n pi / length; of x and y, double ones. A surging tank adds the body force
+-X''(t), a swaying one -Y''(t).
 """
 
 import math
 
 import numpy as np
-from scipy.fft import dct, idct, idst
+from scipy.fft import dct, dctn, idctn, idst
 
 
 def wave_number(mode, length):
@@ -117,34 +118,54 @@ class PotentialFlow:
     order : int
         Of the expansion in the steepness; 1 is linear theory.
     modes : int
-        Cosine modes that are kept; products are evaluated on a grid of four times as many points.
+        Cosine modes along each side that are kept; products are evaluated on a grid of four times as many points.
+    width : float, optional
+        m; of a tank in 3D.
+
+    Attributes
+    ----------
+    x : (points,) float64, m
+        Along the tank; (points, 1) in 3D, where y is (1, points).
+    eta, potential : (points,) or (points, points) float64
+        Elevation, m, and the potential at the surface, m2/s.
     """
 
-    def __init__(self, length, depth, gravity, order=5, modes=48):
-        self.length, self.depth, self.gravity, self.order = length, depth, gravity, order
+    def __init__(self, length, depth, gravity, order=5, modes=48, width=None):
+        self.depth, self.gravity, self.order, self.modes = depth, gravity, order, modes
         self.points = 4 * modes
-        self.x = (np.arange(self.points) + 0.5) * length / self.points
+        self._sides = (length,) if width is None else (length, width)
         n = np.arange(self.points)
-        self.k = wave_number(n, length)
+        self._k = self._outer([wave_number(n, side) for side in self._sides])
+        self.k = np.sqrt(sum(k**2 for k in self._k))
+        self._at = self._outer([(n + 0.5) * side / self.points for side in self._sides])
+        self.x, self.y = self._at[0], self._at[-1]
         # a smooth cut of the shortest waves, which a breaking crest would feed without end
-        self.keep = np.exp(-36.0 * (n / modes) ** 16) * (n <= modes)
-        self.eta = np.zeros(self.points)
-        self.potential = np.zeros(self.points)  # at the surface
+        cut = np.exp(-36.0 * (n / modes) ** 16) * (n <= modes)
+        self.keep = math.prod(self._outer([cut] * len(self._sides)))
+        self.eta = np.zeros_like(self.k)
+        self.potential = np.zeros_like(self.k)
 
-    def _slope(self, f):
-        """df/dx, a sine series, of a cosine series: (points,) float64."""
-        sines = np.roll(-self.k * dct(f, type=2), -1)
-        sines[-1] = 0.0
-        return idst(sines, type=2)
+    def _outer(self, rows):
+        """Arrays (points,), one a side, so that they broadcast to the grid."""
+        return np.meshgrid(*rows, indexing="ij", sparse=True)
+
+    def _slope(self, f, side):
+        """Derivative along a side, a sine series, of a cosine series."""
+        sines = np.roll(-self._k[side] * dct(f, type=2, axis=side), -1, axis=side)
+        np.moveaxis(sines, side, 0)[-1] = 0.0
+        return idst(sines, type=2, axis=side)
+
+    def _slopes(self, f):
+        return [self._slope(f, side) for side in range(len(self._sides))]
 
     def _filtered(self, f):
-        return idct(self.keep * dct(f, type=2), type=2)
+        return idctn(self.keep * dctn(f, type=2), type=2)
 
     def _vertical(self, f, count):
         """Vertical derivatives of order 0 .. count at z = 0 of the potential with the values f there."""
-        c = self.keep * dct(f, type=2)
+        c = self.keep * dctn(f, type=2)
         rise = np.tanh(self.k * self.depth)
-        return [idct(c * self.k**m * (rise if m % 2 else 1.0), type=2) for m in range(count + 1)]
+        return [idctn(c * self.k**m * (rise if m % 2 else 1.0), type=2) for m in range(count + 1)]
 
     def _vertical_velocity(self, eta, potential):
         parts, derivatives = [potential], []
@@ -158,12 +179,15 @@ class PotentialFlow:
 
     def _rates(self, eta, potential, acceleration):
         w = self._vertical_velocity(eta, potential)
-        forcing = -self.gravity * eta - acceleration * (self.x - self.length / 2.0)
+        forcing = -self.gravity * eta
+        for at, side, a in zip(self._at, self._sides, np.atleast_1d(acceleration), strict=True):
+            forcing = forcing - a * (at - side / 2.0)
         if self.order == 1:
             return self._filtered(w), self._filtered(forcing)
-        slope, along = self._slope(eta), self._slope(potential)
-        first = w * (1.0 + slope**2) - along * slope
-        second = forcing - 0.5 * along**2 + 0.5 * (1.0 + slope**2) * w**2
+        slope, along = self._slopes(eta), self._slopes(potential)
+        stretch = 1.0 + sum(s**2 for s in slope)
+        first = w * stretch - sum(a * s for a, s in zip(along, slope, strict=True))
+        second = forcing - 0.5 * sum(a**2 for a in along) + 0.5 * stretch * w**2
         return self._filtered(first), self._filtered(second)
 
     def run(self, times, step, acceleration=None):
@@ -176,14 +200,14 @@ class PotentialFlow:
         step : float
             Longest time step, s.
         acceleration : function, optional
-            Of the tank along x, m/s2, of time in s.
+            Of the tank along its sides, m/s2, of time in s: a number, or two in 3D.
 
         Returns
         -------
-        (n, modes) float64
+        (n, modes) or (n, modes, modes) float64
             Cosine coefficients of the elevation, m; see `elevation`.
         """
-        force = acceleration or (lambda t: 0.0)
+        force = acceleration or (lambda t: np.zeros(len(self._sides)))
         now, kept = 0.0, []
         for until in times:
             count = math.ceil((until - now) / step - 1e-9)
@@ -198,12 +222,15 @@ class PotentialFlow:
                 self.potential = p + dt / 6.0 * (a[1] + 2.0 * b[1] + 2.0 * c[1] + d[1])
                 now += dt
             now = until
-            kept.append(dct(self.eta, type=2) / self.points)
-        kept = np.array(kept)
-        kept[:, 0] *= 0.5
-        return kept[:, : self.points // 4]
+            kept.append(self._coefficients())
+        return np.array(kept)
+
+    def _coefficients(self):
+        coefficients = dctn(self.eta, type=2) / self.points ** len(self._sides)
+        for side in range(len(self._sides)):
+            np.moveaxis(coefficients, side, 0)[0] *= 0.5
+        return coefficients[(slice(self.modes),) * len(self._sides)]
 
     def elevation(self, coefficients, x):
-        """Elevation at x from the coefficients that `run` returned, m: (n,) float64."""
+        """Elevation at x of a 2D tank from the coefficients that `run` returned, m: (n,) float64."""
         return coefficients @ np.cos(self.k[: coefficients.shape[1]] * x)
-

@@ -58,6 +58,24 @@ class Results:
         centre = np.array([self.liquid(time)["position"][:, 0].mean() for time in self.frames])
         return (length / 2.0 - centre) * np.pi**2 * depth / (2.0 * length)
 
+    def modes(self, numbers):
+        """Modes cos(m pi x / L) cos(n pi y / B) of the elevation of a box in each frame: (frames, modes) float64, m.
+
+        The mean of a mode's shape over the liquid is its share of the elevation over the depth, without any
+        definition of the surface: 1/2 of it where one of m and n is 0, 1/4 where none is.
+
+        Parameters
+        ----------
+        numbers : sequence of (m, n)
+        """
+        (length, width, _), depth = self.job.tank.size, self.job.fluids[0].depth
+        rows = []
+        for time in self.frames:
+            x, y, _ = self.liquid(time)["position"].T
+            shapes = [np.cos(m * np.pi * x / length) * np.cos(n * np.pi * y / width) for m, n in numbers]
+            rows.append([shape.mean() for shape in shapes])
+        return depth * np.array(rows) * [2.0 if 0 in pair else 4.0 for pair in numbers]
+
 
 def rms(values):
     """Root of the mean square."""

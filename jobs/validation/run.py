@@ -122,17 +122,19 @@ class Kept:
     variant, preset : str
     spacing : float
         m.
-    change : str, optional
-        One more setting, as for ``--set``.
+    changes : sequence of str, optional
+        More settings, as for ``--set``.
+    label : str, optional
+        What tells a run with changes from others; in the name of its directory.
     """
 
-    def __init__(self, name, case, variant, preset, spacing, change=""):
+    def __init__(self, name, case, variant, preset, spacing, changes=(), label=""):
         self.name, self.case = name, case
-        self.variant, self.preset, self.spacing, self.change = variant, preset, spacing, change
-        self.directory = OUT / name / "-".join(filter(None, [variant, preset, f"{spacing:g}", change]))
+        self.variant, self.preset, self.spacing = variant, preset, spacing
+        self.directory = OUT / name / "-".join(filter(None, [label, variant, preset, f"{spacing:g}"]))
         self.job = HERE / name / "case.yaml"
         self.overrides = [f"spacing={spacing:g}", f"scheme.preset={preset}", *variants(case)[variant]]
-        self.overrides += [change] if change else []
+        self.overrides += changes
         self.state = initial_state(case, load_job(self.job, self.overrides))
         sources = [self.job.read_bytes(), repr(self.overrides).encode(), *(array.tobytes() for array in self.state)]
         self.key = hashlib.sha256(b"".join([code_key().encode(), *sources])).hexdigest()

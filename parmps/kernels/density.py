@@ -5,16 +5,56 @@ import math
 import numpy as np
 
 from parmps.kernels.compiled import compiled
-from parmps.kernels.weight import smooth_weight
+from parmps.kernels.weight import smooth_weight, spline_weight
 
 
 @compiled
-def moments(position, first, last, other, strength, l0, n0, dimension, density, asymmetry, lean, matrix):
+def wet_walls(position, normal, first, last, other, strength, begin, end, wet):
+    """Tell how far walls are under the surface: by how much of their liquid is on one side, along the wall.
+
+    A wall particle in line with the surface row is wet, one a spacing above it is dry; those of a corner under
+    water, whose liquid is all in front of them, are wet.
+
+    Parameters
+    ----------
+    position : (n, 3) float64, m
+    normal : (n, 3) float64
+        Of walls, into the liquid.
+    first, last, other
+        Neighbour lists.
+    strength : (pairs,) float64, 1/m2
+        W / r_ij^2, as made by `strengths`.
+    begin, end : int
+        Range of the wall particles.
+    wet : (n,) float64
+        Filled for these: from 0, dry, to 1, wet.
+    """
+    for i in range(begin, end):
+        x, y, z = position[i, 0], position[i, 1], position[i, 2]
+        n = tx = ty = tz = 0.0
+        for k in range(first[i], last[i]):
+            j, s = other[k], strength[k]
+            dx, dy, dz = position[j, 0] - x, position[j, 1] - y, position[j, 2] - z
+            r = math.sqrt(dx * dx + dy * dy + dz * dz)
+            s *= r
+            n += s * r
+            front = dx * normal[i, 0] + dy * normal[i, 1] + dz * normal[i, 2]
+            tx += s * (dx - front * normal[i, 0])
+            ty += s * (dy - front * normal[i, 1])
+            tz += s * (dz - front * normal[i, 2])
+        share = math.sqrt(tx * tx + ty * ty + tz * tz) / max(n, 1e-300)
+        wet[i] = 0.0 if n == 0.0 else min(max((0.55 - share) / 0.25, 0.0), 1.0)
+
+
+@compiled
+def moments(position, wet, first, last, other, strength, l0, n0, dimension, density, asymmetry, lean, matrix):
     """Sum the weights around each particle of the rows.
 
     Parameters
     ----------
     position : (n, 3) float64, m
+    wet : (n,) float64
+        Share with which neighbours count in the number density and the asymmetry: dry walls do not.
     first, last, other
         Neighbour lists, as made by `find_pairs`.
     strength : (pairs,) float64, 1/m2
@@ -44,8 +84,9 @@ def moments(position, first, last, other, strength, l0, n0, dimension, density, 
             j, s = other[k], strength[k]
             dx, dy, dz = position[j, 0] - x, position[j, 1] - y, position[j, 2] - z
             r2 = dx * dx + dy * dy + dz * dz
-            n += s * r2
-            r = math.sqrt(r2)
+            share = wet[j]
+            n += share * s * r2
+            r = share * math.sqrt(r2)
             sx, sz = s * dx, s * dz
             fx -= r * sx
             fz -= r * sz
@@ -293,6 +334,59 @@ def surface_normals(position, asymmetry, surface, first, last, other, strength, 
         if size > 0.0:
             nx, ny, nz = nx / size, ny / size, nz / size
         out[i, 0], out[i, 1], out[i, 2] = nx, ny, nz
+
+
+@compiled
+def row_density(position, kind, surface, normal, first, other, l0, reach, full, rows):
+    """Density of the row of particles below the free surface, over that of the lattice, where it is a row.
+
+    Half of it times the spacing is how far the surface is above the row: one that has lost particles to the next
+    is thinner. Sums a spline over the distances along the surface; walls continue the row.
+
+    Parameters
+    ----------
+    position : (n, 3) float64, m
+    kind, surface : (n,) int8
+    normal : (rows, 3) float64
+        As made by `surface_normals`.
+    first, other
+        Neighbour lists.
+    l0 : float
+        Spacing, m.
+    reach : float
+        Radius of the spline, in spacings.
+    full : float
+        Its sum over a row of the lattice.
+    rows : int
+
+    Returns
+    -------
+    float
+        Sum over the particles of a row whose density is within a quarter of the lattice's: spray has none.
+    int
+        Their number.
+    """
+    density, count = 0.0, 0
+    for i in range(rows):
+        if surface[i] == 0:
+            continue
+        x, y, z = position[i, 0], position[i, 1], position[i, 2]
+        total = spline_weight(0.0, reach)
+        for k in range(first[i], first[i + 1]):
+            j = other[k]
+            if kind[j] == 0 and surface[j] == 0:
+                continue
+            dx, dy, dz = position[j, 0] - x, position[j, 1] - y, position[j, 2] - z
+            up = dx * normal[i, 0] + dy * normal[i, 1] + dz * normal[i, 2]
+            along = math.sqrt(max(dx * dx + dy * dy + dz * dz - up * up, 0.0)) / l0
+            up = abs(up) / l0
+            # a row of liquid may be rough; of walls, which stand in many rows, one counts
+            share = min(2.0 - 2.0 * up, 1.0) if kind[j] == 0 else 1.0 - up
+            total += max(share, 0.0) * spline_weight(along, reach)
+        if abs(total / full - 1.0) < 0.25:
+            density += total / full
+            count += 1
+    return density, count
 
 
 def lattice_matrix(rows):

@@ -17,7 +17,7 @@ def corrected_gradient(
     other,
     strength,
     inverse,
-    l0,
+    surface_distance,
     n0,
     dimension,
     rows,
@@ -29,7 +29,7 @@ def corrected_gradient(
 ):
     """Gradient from P_j - P_i with the inverse moment matrix, exact for linear fields (Duan 2018).
 
-    In the surface, zero pressure half a spacing above the particle takes part with the missing neighbours'
+    In the surface, zero pressure on the surface above the particle takes part with the missing neighbours'
     weight, as in the pressure equation; its moment must be in ``inverse``. Suction in surface particles,
     which only noise makes, does not act.
 
@@ -46,8 +46,8 @@ def corrected_gradient(
         W / r_ij^2, as made by `strengths`.
     inverse : (rows, 6) float64
         Inverse moment matrices, the missing neighbours' moments included.
-    l0 : float
-        Spacing, m.
+    surface_distance : float
+        From surface particles to the free surface, m.
     n0 : float
         Lattice number density.
     dimension, rows : int
@@ -76,7 +76,7 @@ def corrected_gradient(
             if dimension == 3:
                 gy += s * (position[j, 1] - y)
         if surface[i] != 0:
-            s = 2.0 * here / l0
+            s = here / surface_distance
             if fluid is not None:
                 s *= volume[fluid[i], fluid[i]]
             gx -= s * lean[i, 0]
@@ -176,6 +176,7 @@ def residual_damping(
     fluid=None,
     share=None,
     sheet=None,
+    slips=None,
     normal=None,
 ):
     """Velocity change that damps what a linear field cannot explain.
@@ -205,7 +206,7 @@ def residual_damping(
         Filled for the rows.
     fluid, share
         As in `poisson_rows`: heavier particles change less.
-    sheet, normal
+    sheet, slips, normal
         As in `interface.divergence`.
     """
     for i in range(rows):
@@ -227,7 +228,8 @@ def residual_damping(
                 rx -= (g[1] + h[j, 1]) * dy
                 rz -= (g[7] + h[j, 7]) * dy
                 ry = velocity[j, 1] - v - (g[3] + h[j, 3]) * dx - (g[4] + h[j, 4]) * dy - (g[5] + h[j, 5]) * dz
-            if sheet is not None and sheet[fluid[i], fluid[j]]:  # tangentially, liquids may slip
+            # tangentially, liquids may slip
+            if sheet is not None and slips[i] * slips[j] != 0 and sheet[fluid[i], fluid[j]]:
                 nx, ny, nz = normal[i, 0] - normal[j, 0], normal[i, 1] - normal[j, 1], normal[i, 2] - normal[j, 2]
                 along = (rx * nx + ry * ny + rz * nz) / (nx * nx + ny * ny + nz * nz + 1e-300)
                 rx, ry, rz = along * nx, along * ny, along * nz

@@ -132,23 +132,108 @@ def widen(first, other, kind, fraction, rows, near):
 
 
 @compiled
-def smooth_fraction(position, fluid, sheet, fraction, near, first, last, other, l0, reach, out):
+def image_links(position, kind, normal, depth, near, first, last, other, reach, begin, index, offset, image, mirror):
+    """List the liquid neighbours of particles near interfaces, and those neighbours' images behind walls.
+
+    With the images, interfaces stand at right angles on walls, whatever the arrangement of the wall's particles. As
+    an image is further than its original, all images within reach are those of neighbours, or of the particle itself.
+    In a corner, walls at right angles to each other mirror one after the other.
+
+    Parameters
+    ----------
+    position : (n, 3) float64, m
+    kind : (n,) int8
+    normal, depth
+        Of the walls, as in `reflect_at_walls`.
+    near : (m,) int32
+        The particles.
+    first, last, other
+        Neighbour lists.
+    reach : float, m
+    begin : (m + 1,) int64
+        Filled: where the links of each particle begin.
+    index : (capacity,) int32
+        Filled: the neighbour, or the original of the image; there are at most 8 links a neighbour.
+    offset : (capacity, 3) float64, m
+        Filled: the way to it.
+    image : (capacity,) int8
+        Filled: 0 for a neighbour, bit b for an image made by wall b.
+    mirror : (m, 3, 3) float64
+        Filled: normals of the walls, 0 for none.
+    """
+    count = 0
+    begin[0] = 0
+    for a in range(near.shape[0]):
+        i = near[a]
+        for k in range(first[i], last[i]):
+            j = other[k]
+            dx = position[j, 0] - position[i, 0]
+            dy = position[j, 1] - position[i, 1]
+            dz = position[j, 2] - position[i, 2]
+            if kind[j] == 0 and dx * dx + dy * dy + dz * dz < reach * reach:
+                index[count], image[count] = j, 0
+                offset[count, 0], offset[count, 1], offset[count, 2] = dx, dy, dz
+                count += 1
+        mirror[a] = 0.0
+        for wall in range(3):
+            least, height = math.inf, 0.0
+            n = mirror[a, wall]
+            for k in range(first[i], last[i]):
+                j = other[k]
+                if kind[j] == 0 or _parallel(normal[j], mirror[a], wall):
+                    continue
+                dx = position[j, 0] - position[i, 0]
+                dy = position[j, 1] - position[i, 1]
+                dz = position[j, 2] - position[i, 2]
+                r2 = dx * dx + dy * dy + dz * dz
+                if r2 < least:
+                    least = r2
+                    n[:] = normal[j]
+                    height = -(dx * n[0] + dy * n[1] + dz * n[2]) - depth[j]
+            if least == math.inf:
+                break
+            for k in range(begin[a] - 1, count):
+                dx = dy = dz = 0.0
+                original, made = i, 0
+                if k >= begin[a]:
+                    dx, dy, dz = offset[k, 0], offset[k, 1], offset[k, 2]
+                    original, made = index[k], image[k]
+                far = 2.0 * (height + dx * n[0] + dy * n[1] + dz * n[2])
+                dx, dy, dz = dx - far * n[0], dy - far * n[1], dz - far * n[2]
+                r2 = dx * dx + dy * dy + dz * dz
+                if 0.0 < r2 < reach * reach:
+                    index[count], image[count] = original, made | (1 << wall)
+                    offset[count, 0], offset[count, 1], offset[count, 2] = dx, dy, dz
+                    count += 1
+        begin[a + 1] = count
+
+
+@njit(inline="always")
+def _parallel(normal, walls, count):
+    """Whether a normal is not at right angles to the first walls' normals."""
+    for wall in range(count):
+        n = walls[wall]
+        if abs(normal[0] * n[0] + normal[1] * n[1] + normal[2] * n[2]) > 0.1:
+            return True
+    return False
+
+
+@compiled
+def smooth_fraction(fluid, sheet, fraction, near, begin, index, offset, l0, reach, out):
     """Smooth the share of a particle's own liquid in its neighbourhood, by the smooth weight.
 
     From 1 everywhere, as without smoothing, it makes the colour function, smoothed once.
 
     Parameters
     ----------
-    position : (n, 3) float64, m
     fluid : (n,) int8
     sheet
         As in `find_near`.
     fraction : (n,) float64
-        Of all particles, walls included.
     near : (m,) int32
         Particles near an interface.
-    first, last, other
-        Neighbour lists.
+    begin, index, offset
+        As made by `image_links`.
     l0 : float
         Spacing, m.
     reach : float
@@ -156,21 +241,26 @@ def smooth_fraction(position, fluid, sheet, fraction, near, first, last, other, 
     out : (n,) float64
         Filled for those particles.
     """
-    for i in near:
+    for a in range(near.shape[0]):
+        i = near[a]
         total, value = 1.0, fraction[i]
-        for k in range(first[i], last[i]):
-            j = other[k]
-            dx = (position[j, 0] - position[i, 0]) / l0
-            dy = (position[j, 1] - position[i, 1]) / l0
-            dz = (position[j, 2] - position[i, 2]) / l0
-            w = smooth_weight(math.sqrt(dx * dx + dy * dy + dz * dz), reach)
+        for k in range(begin[a], begin[a + 1]):
+            j = index[k]
+            r2 = offset[k, 0] ** 2 + offset[k, 1] ** 2 + offset[k, 2] ** 2
+            w = smooth_weight(math.sqrt(r2) / l0, reach)
             total += w
             value += w * (1.0 - fraction[j] if sheet[fluid[i], fluid[j]] else fraction[j])
         out[i] = value / total
 
 
+@njit(inline="always")
+def _strength(r2, l0, reach):
+    """W / r^2 of a link, in 1/m2."""
+    return weight(math.sqrt(r2) / l0, reach) / r2
+
+
 @compiled
-def normals(position, kind, fluid, sheet, fraction, near, first, last, other, strength, inverse, l0, out, beyond):
+def normals(fluid, sheet, fraction, near, begin, index, offset, image, l0, reach, dimension, out, beyond):
     """Normals of the interface, out of each particle's own liquid, and the first moment of what lies beyond.
 
     They are as long as the fraction of the own liquid is steep: short where they are not certain, as in the middle
@@ -178,62 +268,105 @@ def normals(position, kind, fluid, sheet, fraction, near, first, last, other, st
 
     Parameters
     ----------
-    position : (n, 3) float64, m
-    kind, fluid : (n,) int8
-    sheet
-        As in `find_near`.
-    near : (m,) int32
-        Particles near an interface.
-    first, last, other
-        Neighbour lists.
-    strength : (pairs,) float64, 1/m2
-        W / r_ij^2, as made by `strengths`.
-    l0 : float
-        Spacing, m.
+    fluid, sheet, near, begin, index, offset, image, l0, reach
+        As in `smooth_fraction` and `image_links`.
     fraction : (n,) float64
-        As made by `smooth_fraction`, for walls that of the liquid next to them; 1 away from interfaces.
-    inverse : (rows, 6) float64
-        Inverse moment matrices, as made by `invert`.
+        As made by `smooth_fraction`; 1 away from interfaces.
+    dimension : int
     out : (n, 3) float64, 1/spacings
         Filled for those particles.
     beyond : (rows, 3) float64
         Filled for those particles: sum W (r_j - r_i) / r_ij^2 over the other liquids, in 1/spacings.
     """
-    for i in near:
-        gx = gy = gz = qx = qy = qz = 0.0
-        for k in range(first[i], last[i]):
-            j = other[k]
-            dx = position[j, 0] - position[i, 0]
-            dy = position[j, 1] - position[i, 1]
-            dz = position[j, 2] - position[i, 2]
-            s = strength[k]
-            c = fraction[j]
-            if sheet[fluid[i], fluid[j]]:
-                c = 1.0 - c
-            if kind[j] == 0 and sheet[fluid[i], fluid[j]]:
+    matrix, inverse = np.empty((1, 6)), np.empty((1, 6))
+    for a in range(near.shape[0]):
+        i = near[a]
+        gx = gy = gz = qx = qy = qz = total = 0.0
+        matrix[:] = 0.0
+        for k in range(begin[a], begin[a + 1]):
+            j = index[k]
+            dx, dy, dz = offset[k, 0], offset[k, 1], offset[k, 2]
+            r2 = dx * dx + dy * dy + dz * dz
+            s = _strength(r2, l0, reach)
+            other = sheet[fluid[i], fluid[j]]
+            if other and image[k] == 0:
                 qx += s * dx
                 qy += s * dy
                 qz += s * dz
-            s *= fraction[i] - c
+            total += s * r2
+            _add_moment(matrix[0], s, dx, dy, dz)
+            s *= fraction[i] - (1.0 - fraction[j] if other else fraction[j])
             gx += s * dx
             gy += s * dy
             gz += s * dz
-        m = inverse[i]
-        nx = m[0] * gx + m[1] * gy + m[2] * gz
-        ny = m[1] * gx + m[3] * gy + m[4] * gz
-        nz = m[2] * gx + m[4] * gy + m[5] * gz
-        out[i, 0], out[i, 1], out[i, 2] = l0 * nx, l0 * ny, l0 * nz
         beyond[i, 0], beyond[i, 1], beyond[i, 2] = l0 * qx, l0 * qy, l0 * qz
+        out[i] = 0.0
+        if total == 0.0:
+            continue
+        matrix *= dimension / total
+        invert(matrix, 0.2, dimension, inverse)
+        m, scale = inverse[0], l0 * dimension / total
+        out[i, 0] = scale * (m[0] * gx + m[1] * gy + m[2] * gz)
+        out[i, 1] = scale * (m[1] * gx + m[3] * gy + m[4] * gz)
+        out[i, 2] = scale * (m[2] * gx + m[4] * gy + m[5] * gz)
+
+
+@njit(inline="always")
+def _add_moment(matrix, s, dx, dy, dz):
+    """Add s d d^T to a matrix of moments: (6,) float64."""
+    matrix[0] += s * dx * dx
+    matrix[1] += s * dx * dy
+    matrix[2] += s * dx * dz
+    matrix[3] += s * dy * dy
+    matrix[4] += s * dy * dz
+    matrix[5] += s * dz * dz
 
 
 @compiled
-def own_moments(position, kind, fluid, sheet, near, first, last, other, strength, n0, dimension, matrix):
+def find_slip(velocity, kind, fluid, sheet, near, first, last, other, limit, slips):
+    """Tell the particles near interfaces whose liquid slides along the other one slowly enough to do so as a sheet.
+
+    Parameters
+    ----------
+    velocity : (n, 3) float64, m/s
+    kind, fluid, sheet, near, first, last, other
+        As in `own_moments`.
+    limit : float, m/s
+        Greatest difference between the mean velocities of a particle's neighbours in its own liquid and in others.
+    slips : (n,) int8
+        Filled for those particles: 1 where the difference is no greater.
+    """
+    own, beyond = np.empty(3), np.empty(3)
+    for i in near:
+        own[:], beyond[:] = velocity[i], 0.0
+        within, across = 1, 0
+        for k in range(first[i], last[i]):
+            j = other[k]
+            if kind[j] != 0:
+                continue
+            if sheet[fluid[i], fluid[j]]:
+                beyond += velocity[j]
+                across += 1
+            else:
+                own += velocity[j]
+                within += 1
+        slips[i] = _length(own / within - beyond / max(across, 1)) <= limit
+
+
+@compiled
+def own_moments(position, kind, fluid, slips, sheet, near, first, last, other, strength, n0, dimension, matrix):
     """Moment matrices over the neighbours in a particle's own liquid and walls, as in `moments`.
 
     Parameters
     ----------
-    position, kind, fluid, sheet, near, first, last, other, strength
-        As in `normals`.
+    position, kind, fluid, first, last, other, strength
+        As in `moments`.
+    slips : (n,) int8
+        As made by `find_slip`; other liquids count as the own one unless both particles slip.
+    sheet : (liquids, liquids) bool
+        Whether the velocity can jump between two liquids.
+    near : (m,) int32
+        The particles, all of which slip.
     n0 : float
     dimension : int
     matrix : (m, 6) float64
@@ -245,7 +378,7 @@ def own_moments(position, kind, fluid, sheet, near, first, last, other, strength
         xx = xy = xz = yy = yz = zz = 0.0
         for k in range(first[i], last[i]):
             j = other[k]
-            if kind[j] == 0 and sheet[fluid[i], fluid[j]]:
+            if kind[j] == 0 and slips[j] != 0 and sheet[fluid[i], fluid[j]]:
                 continue
             dx = position[j, 0] - position[i, 0]
             dy = position[j, 1] - position[i, 1]
@@ -263,13 +396,13 @@ def own_moments(position, kind, fluid, sheet, near, first, last, other, strength
 
 @compiled
 def own_gradient(
-    position, velocity, kind, fluid, sheet, near, first, last, other, strength, inverse, n0, dimension, out
+    position, velocity, kind, fluid, slips, sheet, near, first, last, other, strength, inverse, n0, dimension, out
 ):
     """Gradient of the velocity of a particle's own liquid, which can jump at the interface.
 
     Parameters
     ----------
-    position, kind, fluid, sheet, near, first, last, other, strength, n0, dimension
+    position, kind, fluid, slips, sheet, near, first, last, other, strength, n0, dimension
         As in `own_moments`.
     velocity : (n, 3) float64, m/s
     inverse : (m, 6) float64
@@ -285,7 +418,7 @@ def own_gradient(
         g[:] = 0.0
         for k in range(first[i], last[i]):
             j = other[k]
-            if kind[j] == 0 and sheet[fluid[i], fluid[j]]:
+            if kind[j] == 0 and slips[j] != 0 and sheet[fluid[i], fluid[j]]:
                 continue
             s = scale * strength[k]
             for b in range(3):
@@ -307,6 +440,7 @@ def divergence(
     gradient,
     kind,
     fluid,
+    slips,
     sheet,
     normal,
     near,
@@ -327,7 +461,7 @@ def divergence(
 
     Parameters
     ----------
-    position, velocity, kind, fluid, sheet, near, first, last, other, strength, n0, dimension
+    position, velocity, kind, fluid, slips, sheet, near, first, last, other, strength, n0, dimension
         As in `own_gradient`.
     gradient : (n, 9) float64, 1/s
         Of each particle's own liquid.
@@ -350,7 +484,7 @@ def divergence(
             u = velocity[j, 0] - velocity[i, 0]
             v = velocity[j, 1] - velocity[i, 1]
             w = velocity[j, 2] - velocity[i, 2]
-            if kind[j] == 0 and sheet[fluid[i], fluid[j]]:
+            if kind[j] == 0 and slips[j] != 0 and sheet[fluid[i], fluid[j]]:
                 h = gradient[j]
                 ox = g[0] * dx + g[1] * dy + g[2] * dz
                 oy = g[3] * dx + g[4] * dy + g[5] * dz
@@ -393,6 +527,7 @@ def pressure_gradient(
     other,
     strength,
     l0,
+    surface_distance,
     n0,
     dimension,
     matrix,
@@ -408,8 +543,8 @@ def pressure_gradient(
     ----------
     position, kind, fluid, normal, near, first, last, other, strength, n0, dimension
         As in `divergence`.
-    l0 : float
-        Spacing, m.
+    l0, surface_distance : float
+        Spacing, and distance from surface particles to the free surface, m.
     pressure : (n,) float64, Pa
     force : (n, 3) float64, m/s2
         Of fluid particles.
@@ -463,7 +598,8 @@ def pressure_gradient(
             qx, qy, qz = lean[i, 0], lean[i, 1], lean[i, 2]
             size = math.sqrt(qx * qx + qy * qy + qz * qz) + 1e-300
             s = scale / size
-            q = -2.0 * own * here * size / (density * l0) - force[i, 0] * qx - force[i, 1] * qy - force[i, 2] * qz
+            q = -own * here * size / (density * surface_distance)
+            q -= force[i, 0] * qx + force[i, 1] * qy + force[i, 2] * qz
             gx += s * q * qx
             gy += s * q * qy
             gz += s * q * qz
@@ -499,17 +635,17 @@ def solve_gradient(force, near, inverse, sums, out):
 
 
 @compiled
-def curvature(position, kind, fluid, sheet, normal, near, first, last, other, strength, dimension, out):
+def curvature(fluid, sheet, normal, near, begin, index, offset, image, mirror, l0, reach, dimension, out):
     """Curvature of the interface near each particle, div n with n out of its own liquid; positive where it is convex.
 
     The divergence of the unit normal is a least-squares fit to the neighbours near the interface, those of other
-    liquids reversed, each with the steepness of the colour function as its weight: contours of the smoothed
-    colour stand for the interface ([000] eq. 18, in any dimension).
+    liquids reversed and images mirrored, each with the steepness of the colour function as its weight: contours of
+    the smoothed colour stand for the interface ([000] eq. 18, in any dimension).
 
     Parameters
     ----------
-    position, kind, fluid, sheet, near, first, last, other, strength
-        As in `normals`.
+    fluid, sheet, near, begin, index, offset, image, mirror, l0, reach
+        As in `smooth_fraction` and `image_links`.
     normal : (n, 3) float64
         As made by `normals`; 0 away from interfaces.
     dimension : int
@@ -518,36 +654,29 @@ def curvature(position, kind, fluid, sheet, normal, near, first, last, other, st
     """
     matrix, inverse = np.empty((1, 6)), np.empty((1, 6))
     g = np.empty((3, 3))
-    d, own = np.empty(3), np.empty(3)
-    for i in near:
+    own, its = np.empty(3), np.empty(3)
+    for a in range(near.shape[0]):
+        i = near[a]
         matrix[:] = g[:] = 0.0
         total = 0.0
-        steep = math.sqrt(normal[i, 0] ** 2 + normal[i, 1] ** 2 + normal[i, 2] ** 2) + 1e-300
-        for b in range(3):
-            own[b] = normal[i, b] / steep
-        for k in range(first[i], last[i]):
-            j = other[k]
-            if kind[j] != 0:
-                continue
-            steep = math.sqrt(normal[j, 0] ** 2 + normal[j, 1] ** 2 + normal[j, 2] ** 2)
+        own[:] = normal[i] / (_length(normal[i]) + 1e-300)
+        for k in range(begin[a], begin[a + 1]):
+            j, d = index[k], offset[k]
+            steep = _length(normal[j])
             if steep == 0.0:
                 continue
-            r2 = 0.0
-            for b in range(3):
-                d[b] = position[j, b] - position[i, b]
-                r2 += d[b] * d[b]
-            s = steep * strength[k]
-            turn = (-1.0 if sheet[fluid[i], fluid[j]] else 1.0) / steep
+            r2 = d[0] ** 2 + d[1] ** 2 + d[2] ** 2
+            s = steep * _strength(r2, l0, reach)
+            its[:] = normal[j] / (-steep if sheet[fluid[i], fluid[j]] else steep)
+            for wall in range(3):
+                if image[k] & (1 << wall):
+                    n = mirror[a, wall]
+                    its[:] -= 2.0 * (its[0] * n[0] + its[1] * n[1] + its[2] * n[2]) * n
             total += s * r2
             for b in range(3):
                 for c in range(3):
-                    g[b, c] += s * (turn * normal[j, b] - own[b]) * d[c]
-            matrix[0, 0] += s * d[0] * d[0]
-            matrix[0, 1] += s * d[0] * d[1]
-            matrix[0, 2] += s * d[0] * d[2]
-            matrix[0, 3] += s * d[1] * d[1]
-            matrix[0, 4] += s * d[1] * d[2]
-            matrix[0, 5] += s * d[2] * d[2]
+                    g[b, c] += s * (its[b] - own[b]) * d[c]
+            _add_moment(matrix[0], s, d[0], d[1], d[2])
         out[i] = 0.0
         if total == 0.0:
             continue
@@ -562,32 +691,31 @@ def curvature(position, kind, fluid, sheet, normal, near, first, last, other, st
         )
 
 
+@njit(inline="always")
+def _length(vector):
+    return math.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2)
+
+
 @compiled
-def smooth_curvature(position, kind, fluid, sheet, bend, normal, near, first, last, other, strength, reach, out):
+def smooth_curvature(fluid, sheet, bend, normal, near, begin, index, offset, l0, reach, out):
     """Mean of the curvature over the neighbourhood, weighted by the steepness of the colour function.
 
     Parameters
     ----------
-    position, kind, fluid, sheet, normal, near, first, last, other, strength
+    fluid, sheet, normal, near, begin, index, offset, l0, reach
         As in `curvature`.
-    reach : float
-        Radius r_e, in spacings.
     bend : (n,) float64, 1/m
     out : (n,) float64, 1/m
         Filled for those particles.
     """
-    for i in near:
-        total = weight(0.0, reach) * math.sqrt(normal[i, 0] ** 2 + normal[i, 1] ** 2 + normal[i, 2] ** 2)
+    for a in range(near.shape[0]):
+        i = near[a]
+        total = weight(0.0, reach) * _length(normal[i])
         value = total * bend[i]
-        for k in range(first[i], last[i]):
-            j = other[k]
-            if kind[j] != 0:
-                continue
-            dx = position[j, 0] - position[i, 0]
-            dy = position[j, 1] - position[i, 1]
-            dz = position[j, 2] - position[i, 2]
-            s = strength[k] * (dx * dx + dy * dy + dz * dz)
-            s *= math.sqrt(normal[j, 0] ** 2 + normal[j, 1] ** 2 + normal[j, 2] ** 2)
+        for k in range(begin[a], begin[a + 1]):
+            j = index[k]
+            r = _length(offset[k])
+            s = weight(r / l0, reach) * _length(normal[j])
             total += s
             value += -s * bend[j] if sheet[fluid[i], fluid[j]] else s * bend[j]
         out[i] = value / (total + 1e-300)

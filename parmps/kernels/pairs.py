@@ -10,12 +10,14 @@ from parmps.kernels.weight import weight
 
 
 @compiled
-def sort_into_cells(position, lower, size, shape):
-    """Sort particles by the cell that they lie in (counting sort).
+def sort_into_cells(position, kind, lower, size, shape):
+    """Sort particles by their kind and the cell that they lie in (counting sort).
 
     Parameters
     ----------
     position : (n, 3) float64, m
+    kind : (n,) int8
+        0 fluid, 1 wall, 2 dummy, 3 out of the tank (in no cell).
     lower : (3,) float64, m
         Lower corner of the grid; particles outside are put into the nearest cell.
     size : (3,) float64, m
@@ -25,37 +27,60 @@ def sort_into_cells(position, lower, size, shape):
 
     Returns
     -------
-    start : (cells + 1,) int64
-        Where each cell begins in ``order``.
-    order : (n,) int32
+    start : (3 cells + 1,) uint32
+        Where each cell begins in ``order``: first those of the fluid, then of the walls, then of the dummies.
+    order : (n,) uint32
         Particle indices, cell by cell, ascending within a cell.
+    at : (3, n) float64, m
+        Positions in that order.
     """
     n = position.shape[0]
-    cell = np.empty(n, np.int64)
-    per = 1.0 / size
-    start = np.zeros(shape[0] * shape[1] * shape[2] + 1, np.int64)
+    cells = 3 * shape[0] * shape[1] * shape[2]
+    cell = np.empty(n, np.uint32)
+    px, py, pz = 1.0 / size[0], 1.0 / size[1], 1.0 / size[2]
+    start = np.zeros(cells + 2, np.uint32)
     for i in range(n):
-        c = 0
-        for d in range(3):
-            k = int((position[i, d] - lower[d]) * per[d])
-            c = c * shape[d] + min(max(k, 0), shape[d] - 1)
-        cell[i] = c
-        start[c + 1] += 1
+        cell[i] = cells
+        if kind[i] != 3:
+            a = min(max(int((position[i, 0] - lower[0]) * px), 0), shape[0] - 1)
+            b = min(max(int((position[i, 1] - lower[1]) * py), 0), shape[1] - 1)
+            c = min(max(int((position[i, 2] - lower[2]) * pz), 0), shape[2] - 1)
+            cell[i] = ((kind[i] * shape[0] + a) * shape[1] + b) * shape[2] + c
+        start[cell[i] + 1] += 1
     for c in range(1, start.shape[0]):
         start[c] += start[c - 1]
     place = start[:-1].copy()
-    order = np.empty(n, np.int32)
+    order, at = np.empty(n, np.uint32), np.empty((3, n))
     for i in range(n):
-        order[place[cell[i]]] = i
+        k = place[cell[i]]
         place[cell[i]] += 1
-    return start, order
+        order[k] = i
+        at[0, k], at[1, k], at[2, k] = position[i, 0], position[i, 1], position[i, 2]
+    return start[:-1], order, at
 
 
 @compiled
 def find_pairs(
-    position, kind, normal, rows, reach, lower, size, shape, solids, wall_pairs, first, last, other, square
+    position,
+    kind,
+    normal,
+    begin,
+    end,
+    reach,
+    lower,
+    size,
+    shape,
+    start,
+    order,
+    at,
+    solids,
+    wall_pairs,
+    first,
+    last,
+    other,
+    square,
 ):
-    """List the neighbours of the first ``rows`` particles.
+    """List the neighbours of some particles: fluid, then walls, then dummies.
 
     A wall particle is seen only from the side that its normal points to, and no pair reaches through a solid,
     so that liquid on the two sides of a thin baffle does not interact.
@@ -67,23 +92,25 @@ def find_pairs(
         0 fluid, 1 wall, 2 dummy, 3 out of the tank (has no neighbours).
     normal : (n, 3) float64
         Of walls and dummies, into the liquid.
-    rows : int
-        Number of particles to find neighbours for: fluid, then walls.
+    begin, end : int
+        Range of the particles to find neighbours for: fluid or walls.
     reach : float
         Greatest distance of a pair, m.
     lower, size, shape
         The cell grid, as in `sort_into_cells`; edges along x and y are not less than ``reach``. Along z, where
         cells that follow each other are one stretch of the sorted particles, short edges cost nothing and
         leave fewer candidates.
+    start, order, at
+        As made by `sort_into_cells`.
     solids : (m, 2, 3) float64, m
         Corners of the baffles.
     wall_pairs : bool
         Whether walls are also neighbours of walls; the papers' scheme needs that.
-    first : (rows + 1,) int64
+    first : (end - begin + 1,) uint32
         Filled: where the neighbours of each particle begin in ``other``.
-    last : (rows,) int64
-        Filled: where its dummies begin, which come after all others.
-    other : (capacity,) int32
+    last : (end - begin,) uint32
+        Filled: where its dummies begin.
+    other : (capacity,) uint32
         Filled: the neighbours. Particles at one place do not see each other.
     square : (capacity,) float64, m2
         Filled: the squares of the distances.
@@ -93,85 +120,85 @@ def find_pairs(
     int
         Number of pairs, or -1 where the capacity does not suffice.
     """
-    start, order = sort_into_cells(position, lower, size, shape)
-    n = order.shape[0]
-    sx, sy, sz = np.empty(n), np.empty(n), np.empty(n)
-    solid = np.zeros(n + 1, np.int32)  # number of particles before this one that are not fluid
-    for k in range(n):
-        i = order[k]
-        sx[k], sy[k], sz[k] = position[i, 0], position[i, 1], position[i, 2]
-        solid[k + 1] = solid[k] + (kind[i] != 0)
     ex, ey, ez = 1.0 / size[0], 1.0 / size[1], 1.0 / size[2]
+    sx, sy, sz = at[0], at[1], at[2]
     reach2 = reach * reach
-    baffled = solids.shape[0] > 0
     capacity = other.shape[0]
-    count = 0
+    count = np.uint64(0)  # unsigned, as all indices here: a negative one would count from the end, at a cost
     first[0] = 0
-    for i in range(rows):
-        if kind[i] == 3:
-            first[i + 1] = last[i] = count
-            continue
+    for row in range(end - begin):
+        i = begin + row
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
         cx = min(max(int((x - lower[0]) * ex), 0), shape[0] - 1)
         cy = min(max(int((y - lower[1]) * ey), 0), shape[1] - 1)
         low = min(max(int((z - lower[2] - reach) * ez), 0), shape[2] - 1)
         high = min(max(int((z - lower[2] + reach) * ez), 0), shape[2] - 1) + 1
-        begin = count
-        plain = kind[i] == 0 and solids.shape[0] == 0
-        for a in range(max(cx - 1, 0), min(cx + 2, shape[0])):
-            for b in range(max(cy - 1, 0), min(cy + 2, shape[1])):
-                line = (a * shape[1] + b) * shape[2]
-                k0, k1 = start[line + low], start[line + high]
-                if count + k1 - k0 > capacity:
-                    return -1
-                plain &= solid[k0] == solid[k1]
-                for k in range(k0, k1):  # without branches, which could not be predicted
-                    dx, dy, dz = sx[k] - x, sy[k] - y, sz[k] - z
-                    r2 = dx * dx + dy * dy + dz * dz
-                    other[count], square[count] = order[k], r2
-                    count += (r2 < reach2) & (r2 > 0.0)
-        last[i] = count
-        if not plain:
-            end, count = count, begin
-            dummies = 0
-            for k in range(begin, end):
-                j = other[k]
-                if (kind[i] != 0 or kind[j] != 0 or baffled) and not _sees(
-                    i, j, position, kind, normal, solids, wall_pairs
-                ):
-                    continue
-                r2 = square[k]
-                if kind[j] == 2:
-                    dummies += 1
-                elif dummies:  # changes places with the first dummy
-                    m = count - dummies
-                    other[count], square[count] = other[m], square[m]
-                    other[m], square[m] = j, r2
-                    count += 1
-                    continue
-                other[count], square[count] = j, r2
-                count += 1
-            last[i] = count - dummies
-        first[i + 1] = count
+        liquid = kind[i] == 0
+        groups = 0 if kind[i] == 3 else 3 if liquid or wall_pairs else 1
+        last[row] = count
+        for group in range(groups):
+            here = count
+            for a in range(max(cx - 1, 0), min(cx + 2, shape[0])):
+                for b in range(max(cy - 1, 0), min(cy + 2, shape[1])):
+                    line = ((group * shape[0] + a) * shape[1] + b) * shape[2]
+                    k0, k1 = start[line + low], start[line + high]
+                    if count + k1 - k0 > capacity:
+                        return -1
+                    for k in range(k0, k1):  # without branches, which could not be predicted
+                        dx, dy, dz = sx[k] - x, sy[k] - y, sz[k] - z
+                        r2 = dx * dx + dy * dy + dz * dz
+                        other[count], square[count] = order[k], r2
+                        count += np.uint64((r2 < reach2) & (r2 > 0.0))
+            if liquid and group == 0:
+                if _beside(x, y, z, reach, solids):
+                    count = _keep_unhidden(i, position, solids, here, count, other, square)
+            elif liquid or group == 0:
+                count = _keep_before_walls(i, position, normal, liquid, here, count, other, square)
+            if group < 2:
+                last[row] = count
+        first[row + 1] = count
+    return np.int64(count)
+
+
+@compiled
+def _beside(x, y, z, reach, solids):
+    """Whether a point is so near to a baffle that one within ``reach`` may be hidden."""
+    for solid in solids:
+        if (
+            solid[0, 0] - reach < x < solid[1, 0] + reach
+            and solid[0, 1] - reach < y < solid[1, 1] + reach
+            and solid[0, 2] - reach < z < solid[1, 2] + reach
+        ):
+            return True
+    return False
+
+
+@compiled
+def _keep_unhidden(i, position, solids, begin, end, other, square):
+    """Drop the neighbours of particle i that a baffle hides; return the new end."""
+    count = begin
+    x, y, z = position[i, 0], position[i, 1], position[i, 2]
+    for k in range(begin, end):
+        j = other[k]
+        if not crosses_solid(x, y, z, position[j, 0], position[j, 1], position[j, 2], solids):
+            other[count], square[count] = j, square[k]
+            count += np.uint64(1)
     return count
 
 
 @compiled
-def _sees(i, j, position, kind, normal, solids, wall_pairs):
-    """Whether particle j is a neighbour of i, apart from the distance."""
-    if kind[j] == 3:
-        return False
-    dx = position[j, 0] - position[i, 0]
-    dy = position[j, 1] - position[i, 1]
-    dz = position[j, 2] - position[i, 2]
-    if kind[i] == 0:
-        if kind[j] != 0:
-            return dx * normal[j, 0] + dy * normal[j, 1] + dz * normal[j, 2] < 0.0
-        x, y, z = position[i, 0], position[i, 1], position[i, 2]
-        return solids.shape[0] == 0 or not crosses_solid(x, y, z, x + dx, y + dy, z + dz, solids)
-    if kind[j] == 0:
-        return dx * normal[i, 0] + dy * normal[i, 1] + dz * normal[i, 2] > 0.0
-    return wall_pairs
+def _keep_before_walls(i, position, normal, liquid, begin, end, other, square):
+    """Drop the pairs of liquid behind a wall, of which one is particle i; return the new end."""
+    count = begin
+    for k in range(begin, end):
+        j = other[k]
+        wall, sign = (j, -1.0) if liquid else (i, 1.0)
+        height = 0.0
+        for d in range(3):
+            height += sign * (position[j, d] - position[i, d]) * normal[wall, d]
+        other[count], square[count] = j, square[k]
+        count += np.uint64(height > 0.0)
+    return count
 
 
 @compiled

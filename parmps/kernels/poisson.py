@@ -29,6 +29,7 @@ def poisson_rows(
     dimension,
     density,
     wall_share,
+    surface_distance,
     ghost,
     row_first,
     columns,
@@ -56,8 +57,8 @@ def poisson_rows(
     pressure exactly and a tangential acceleration that jumps with the density does no harm. Surface tension
     is a jump of the pressure on the links across the interface, balanced as exactly.
 
-    In the surface, ``ghost`` closes the support with particles of zero pressure half a spacing above the
-    particle (after Shibata 2015): their weight is that of the missing first moment, so that pressure-free
+    In the surface, ``ghost`` closes the support with particles of zero pressure on the free surface
+    above the particle (after Shibata 2015): their weight is that of the missing first moment, so that pressure-free
     liquid stays free of pressure and liquid at rest has its pressure exactly. Without it the particle's
     pressure is zero (Dirichlet), eliminated symmetrically.
 
@@ -87,6 +88,8 @@ def poisson_rows(
     density : float
         rho, kg/m3, or the reference density of ``volume``.
     wall_share : float
+    surface_distance : float
+        From surface particles to the free surface, m.
     ghost : bool
     row_first : (rows + 1,) int32
         Filled: where each row begins.
@@ -168,7 +171,7 @@ def poisson_rows(
                 mx -= w * dx
                 my -= w * dy
                 mz -= w * dz
-            diagonal += own * max(2.0 * math.sqrt(mx * mx + my * my + mz * mz) / l0, n0 - total)
+            diagonal += own * max(math.sqrt(mx * mx + my * my + mz * mz) / surface_distance, n0 - total)
             flux += hx * mx + hy * my + hz * mz
         if kind[i] != 0:
             # Weak links come and go with every step; with the diagonal following them down to nothing, the

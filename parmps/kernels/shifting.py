@@ -18,6 +18,7 @@ def move(
     gradient,
     l0,
     surface_lean,
+    surface_distance,
     shift,
     dt,
     rows,
@@ -27,9 +28,9 @@ def move(
 
     The asymmetry F points away from crowded neighbours, so that shifting along it evens the spacing (Lind
     2012, Khayyer 2017: along the surface only, where there is one); the velocity is interpolated to the shifted
-    place. A surface particle stands half a spacing
-    below the surface and goes with the velocity v + (l0/2) dv/dn there; with v alone the surface would lag by
-    a relative k l0 / 2 behind a wave of wave number k.
+    place. A surface particle goes with the velocity of
+    the surface, which is v + d dv/dn at a distance d; with v alone the surface would lag by a relative k d behind
+    a wave of wave number k.
 
     Parameters
     ----------
@@ -46,6 +47,8 @@ def move(
         Spacing, m.
     surface_lean : float
         |lean| of a particle in a flat surface.
+    surface_distance : float
+        From surface particles to the free surface, m.
     shift : float
         Share of the asymmetry by which particles are shifted in this step.
     dt : float
@@ -70,13 +73,15 @@ def move(
         pz = dt * velocity[i, 2] + reach * sz
         g = gradient[i]
         qx = qy = qz = 0.0
+        half = 0.5 * l0
         if surface[i] != 0:
+            half = surface_distance
             qx, qy, qz = lean[i, 0], lean[i, 1], lean[i, 2]
         elif beyond is not None:
             qx, qy, qz = beyond[i, 0], beyond[i, 1], beyond[i, 2]
         size = math.sqrt(qx * qx + qy * qy + qz * qz)
         if size > 0.0:
-            half = 0.5 * l0 * dt * min(size / surface_lean, 1.0) / size
+            half *= dt * min(size / surface_lean, 1.0) / size
             ex = half * (g[0] * qx + g[1] * qy + g[2] * qz)
             ey = half * (g[3] * qx + g[4] * qy + g[5] * qz)
             ez = half * (g[6] * qx + g[7] * qy + g[8] * qz)

@@ -255,9 +255,11 @@ def velocity_gradient(position, velocity, first, last, other, strength, inverse,
 
 @compiled
 def add_contacts(
-    position, velocity, kind, first, last, other, strength, nearest, rows, out, fluid=None, share=None
+    position, velocity, kind, first, last, other, strength, within, least, dt, rows, out, fluid=None, share=None
 ):
-    """Stop fluid particles that approach each other from nearer than a least distance, without rebound.
+    """Slow down fluid particles that would come nearer to each other than a least distance in this step.
+
+    Those that are nearer already are stopped. Nothing rebounds.
 
     Every pair shares the impulse by mass; all pairs act at once, so that the order of the
     particles does not matter.
@@ -270,8 +272,11 @@ def add_contacts(
         Neighbour lists.
     strength : (pairs,) float64, 1/m2
         W / r_ij^2, as made by `strengths`, which grows as the distance falls.
-    nearest : float, 1/m2
-        That of the least distance.
+    within : float, 1/m2
+        That of the distance up to which pairs are looked at.
+    least : float, m
+        The least distance.
+    dt : float, s
     rows : int
     out : (n, 3) float64, m/s
         Velocity that is added to, for the rows.
@@ -286,7 +291,7 @@ def add_contacts(
     contacts = 0
     for i in range(rows):
         for k in range(first[i], last[i]):
-            if strength[k] <= nearest:
+            if strength[k] <= within:
                 continue
             j = other[k]
             if kind[j] != 0:
@@ -299,10 +304,12 @@ def add_contacts(
                 + (velocity[j, 1] - velocity[i, 1]) * dy
                 + (velocity[j, 2] - velocity[i, 2]) * dz
             )
-            if closing < 0.0:
+            square = dx * dx + dy * dy + dz * dz
+            excess = closing + max(square - least * math.sqrt(square), 0.0) / dt
+            if excess < 0.0:
                 contacts += 1
-                closing *= (0.5 if fluid is None else share[fluid[j], fluid[i]]) / (dx * dx + dy * dy + dz * dz)
-                out[i, 0] += closing * dx
-                out[i, 1] += closing * dy
-                out[i, 2] += closing * dz
+                excess *= (0.5 if fluid is None else share[fluid[j], fluid[i]]) / square
+                out[i, 0] += excess * dx
+                out[i, 1] += excess * dy
+                out[i, 2] += excess * dz
     return contacts

@@ -45,6 +45,25 @@ def smooth_weight(distance, reach):
     return (1.0 - q) ** 4 * (1.0 + 4.0 * q)
 
 
+@njit(inline="always")
+def spline_weight(distance, reach):
+    """Cubic B-spline of knots half a radius apart, 2/3 at 0.
+
+    Along a line its sum is the density of the points within 0.4 %, however far apart they are up to 0.6 r_e.
+
+    Parameters
+    ----------
+    distance, reach : float
+        In spacings.
+
+    Returns
+    -------
+    float
+    """
+    q = min(2.0 * distance / reach, 2.0)
+    return (2.0 - q) ** 3 / 6.0 - max(1.0 - q, 0.0) ** 3 * 2.0 / 3.0
+
+
 class Lattice(NamedTuple):
     """Sums of the weight function over the square or cubic lattice of spacing 1.
 
@@ -58,24 +77,24 @@ class Lattice(NamedTuple):
         Number of particles within reach.
     asymmetry : float
         Magnitude |F|0 of the asymmetry vector of a particle in a flat surface ([002] eq. 13).
-    corner_asymmetry : float
-        The same in the corner of a tank, where the walls above the surface fill a part of what it misses.
     surface_density : float
         Number density of a particle in a flat surface, over n0.
     lean : float
         Magnitude of sum W r / r^2 over the neighbours of a particle in a flat surface.
     smooth_density : float
         Sum of ``smooth_weight``, the particle itself included.
+    row_density : float
+        Sum of ``spline_weight`` over a row, or layer in 3D, of the lattice, the particle itself included.
     """
 
     density: float
     lam: float
     neighbours: int
     asymmetry: float
-    corner_asymmetry: float
     surface_density: float
     lean: float
     smooth_density: float
+    row_density: float
 
 
 @functools.cache
@@ -101,14 +120,13 @@ def lattice(dimension, reach):
     w = weight.py_func(distance, reach)
     below = points[:, -1] <= 0.0
     unit = points[below] / distance[below, None]
-    walled = below | (points[:, :-1] < 0.0).any(axis=1)
     return Lattice(
         density=w.sum(),
         lam=(w * distance**2).sum() / w.sum(),
         neighbours=len(w),
         asymmetry=dimension / w.sum() * np.linalg.norm((w[below, None] * unit).sum(axis=0)),
-        corner_asymmetry=dimension / w.sum() * np.linalg.norm((w / distance)[walled] @ points[walled]),
         surface_density=w[below].sum() / w.sum(),
         lean=np.linalg.norm((w[below, None] * unit / distance[below, None]).sum(axis=0)),
         smooth_density=1.0 + sum(smooth_weight.py_func(r, reach) for r in distance),
+        row_density=sum(spline_weight.py_func(r, reach) for r in (0.0, *distance[points[:, -1] == 0.0])),
     )

@@ -1,6 +1,7 @@
 """Standing waves of layered liquids against the dispersion relation of the layers."""
 
 import numpy as np
+from layered_waves import layer_modes
 
 from parmps.tank import standing_wave
 
@@ -31,22 +32,6 @@ VARIANTS = {
 TARGETS = {"period [%]": 1.0, "loss in 3 periods [%]": 15.0}
 
 
-def elevations(results):
-    """Elevations of the layers' tops in the first mode, m: (frames, layers).
-
-    a cos(k x) moves the liquid below by sum (x - L / 2) V = -2 a / k^2.
-    """
-    job = results.job
-    k, length = np.pi * job.initial.mode / job.tank.length, job.tank.length
-    volume = length * sum(fluid.depth for fluid in job.fluids) / len(results.liquid(0.0)["fluid"])
-    found = []
-    for time in results.frames:
-        liquid = results.liquid(time)
-        x, number = liquid["position"][:, 0] - length / 2.0, liquid["fluid"]
-        found.append([-0.5 * k * k * volume * x[number <= layer].sum() for layer in range(len(job.fluids))])
-    return np.array(found)
-
-
 def crossings(time, signal):
     """Times of all zeros, from lines between samples, s."""
     at = np.flatnonzero(signal[:-1] * signal[1:] < 0.0)
@@ -57,7 +42,7 @@ def measure(results):
     """Mean period against theory, and the greatest elevation of the last two of six half periods."""
     job, time = results.job, results.frames
     _, omega, shape = standing_wave(job)
-    signal = elevations(results)[:, np.abs(shape).argmax()]
+    signal = layer_modes(results)[:, np.abs(shape).argmax()]
     zeros = np.concatenate([[0.0], crossings(time[1:], signal[1:])])
     period = (zeros[6] - zeros[0]) / 3.0
     late = np.abs(signal[(time >= zeros[4]) & (time <= zeros[6])]).max()
@@ -74,7 +59,7 @@ def strayed(results):
     job = results.job
     k, omega, shape = standing_wave(job)
     liquid = results.liquid(results.frames[-1])
-    fitted = elevations(results)[-1]
+    fitted = layer_modes(results)[-1]
     tops = np.cumsum([fluid.depth for fluid in job.fluids])
     x, z, number = liquid["position"][:, 0], liquid["position"][:, 2], liquid["fluid"]
     height = tops + fitted * np.cos(k * x[:, None])
@@ -93,7 +78,7 @@ def plot(figure, runs):
         panel = panels[variants.index(variant)]
         _, omega, shape = standing_wave(results.job)
         periods = results.frames * omega / (2.0 * np.pi)
-        signal = elevations(results)[:, np.abs(shape).argmax()] / results.job.initial.amplitude
+        signal = layer_modes(results)[:, np.abs(shape).argmax()] / results.job.initial.amplitude
         panel.plot(periods, signal, linewidth=1.0, label=f"{preset}, {1e3 * spacing:g} mm")
         panel.set_title(variant, fontsize="small", loc="left")
     for panel in panels:
