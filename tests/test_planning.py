@@ -1,10 +1,12 @@
 """The plan of a job tells its particles, steps and stages."""
 
+import math
 import time
 
 import pytest
 
 from parmps.domain import Domain
+from parmps.expectation import error_class, expected_cost, expected_errors, interpolate, read_table
 from parmps.figures.start import draw_plan
 from parmps.loader import load_job
 from parmps.planning import estimate_particles, plan_text
@@ -65,3 +67,28 @@ def test_a_tank_of_any_size_is_planned_at_once():
     text = plan_text(load_job("jobs/sloshing.yaml", ["spacing=1e-5"]), Domain())
     assert "Particles (an estimate)" in text and "2000000000" in text
     assert time.process_time() - start < 1.0
+
+
+def test_errors_between_two_runs_follow_their_order_and_beyond_are_those_of_the_nearest():
+    points = [(10.0, 8.0), (40.0, 0.5)]  # second order
+    assert interpolate(points, 20.0, "rows").value == pytest.approx(2.0)
+    assert interpolate(points, 80.0, "rows") == (0.5, "measured with 40 rows")
+    assert interpolate(points, 5.0, "rows", slope=1.0) == (4.0, "measured with 10 rows")
+    assert [error_class(e) for e in (0.5, 1.0, 29.0, 30.0)] == ["below 1 %", "1 to 3 %", "10 to 30 %", "above 30 %"]
+
+
+def test_the_plan_tells_what_the_study_measured():
+    table, source = read_table()
+    job = load_job("jobs/sloshing.yaml", ["spacing=0.01"])
+    text = plan_text(job, Domain())
+    errors = expected_errors(table, "balanced", 2, 25.0)
+    assert {"standing wave", "resonant sloshing", "water at rest"} <= set(errors)
+    for scene, error in errors.items():
+        line = next(line for line in text.splitlines() if line.startswith(f"  {scene}  "))
+        assert error_class(error.value) in line
+    assert source in text
+    total = sum(1 for line in text.splitlines() if line.startswith("  total"))
+    assert total == 1
+    cost = expected_cost(table, "balanced", 2, 2500)
+    assert math.isfinite(cost.value) and cost.value > 0.0
+    assert "ksp_rtol" in plan_text(load_job("jobs/sloshing.yaml", ["scheme.ksp_rtol=1e-6"]), Domain())

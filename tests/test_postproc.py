@@ -259,6 +259,17 @@ def test_a_surface_is_drawn_as_the_slice_cuts_it(tmp_path):
     np.testing.assert_allclose(radius, np.sqrt(0.2**2 - 0.1**2), rtol=0.01)
 
 
+@pytest.mark.filterwarnings("error::UserWarning")
+def test_a_signal_that_is_nought_and_too_few_samples(tmp_path, capsys):
+    write_particles(tmp_path)
+    rows = "".join(f"{0.1 * n},0\n" for n in range(8))
+    (tmp_path / "probes.csv").write_text(f"time [s],dry [m]\n{rows}")
+    assert [plot(kind, tmp_path) for kind in ("probes", "spectra", "peaks", "report")] == [0] * 4
+    (tmp_path / "probes.csv").write_text("time [s],dry [m]\n0,0\n1,0\n")
+    assert [plot(kind, tmp_path) for kind in ("probes", "spectra", "peaks", "report")] == [0, 2, 2, 0]
+    assert "2 samples from 0 s to 1 s of a run to 1 s; at least 4 are needed" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("content", [None, "time [s]\n0\n1\n", "time [s],P1 [Pa]\n", "time [s],P1 [Pa]\n0,text\n"])
 def test_probes_that_cannot_be_drawn_give_one_message(tmp_path, content, capsys):
     if content:
@@ -286,17 +297,30 @@ def test_the_scripts_are_the_same_commands(results, name, picture):
     assert is_picture(results / picture)
 
 
-def test_trade_draws_the_pareto_front(tmp_path):
-    rows = ["scene,setting,error [%],CPU time [s]", "wave,coarse,8,1", "wave,fine,1,10", "wave,poor,9,5"]
-    (tmp_path / "trade.csv").write_text("\n".join([*rows, "wave,broken,diverged at t = 1 s,"]) + "\n")
+def test_trade_draws_the_pareto_front_and_tells_the_prices(tmp_path):
+    """Of a scene whose error is 4e4 (l0 / m)^2 % at a cost of 1e-3 (m / l0)^2 s; `papers` loses 100 l0 / m of ln A."""
+    lines = ["# made up", "scene,preset,change,spacing [m],rows,error [%],amplitude [%],CPU time [s],note"]
+    for l0, rows in ((0.04, 10), (0.02, 20), (0.01, 40)):
+        error, cost = 4e4 * l0**2, 1e-3 / l0**2
+        lines.append(f"wave,balanced,,{l0},{rows},{error},{error},{cost},")
+        lines.append(f"wave,papers,,{l0},{rows},90,{100 * (np.exp(-100 * l0) - 1)},{10 * cost},")
+        if l0 == 0.02:
+            lines.append(f"wave,fast,,{l0},{rows},{1.4 * error},{error},{0.5 * cost},")
+            lines.append(f"wave,accurate,,{l0},{rows},{0.5 * error},{error},{1.5 * cost},")
+            lines.append(f"wave,balanced,scheme.gamma=1,{l0},{rows},{3 * error},{error},{3 * cost},")
+    lines.append("wave,balanced,scheme.broken=1,0.02,20,,,,diverged at t = 1 s")
+    (tmp_path / "trade.csv").write_text("\n".join(lines) + "\n")
     command = [sys.executable, COMMANDS / "trade.py", tmp_path / "trade.csv"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
     table = (tmp_path / "trade.md").read_text()
-    assert "| coarse | 8.00 | 1.0 | front |" in table
-    assert "| fine | 1.00 | 10.0 | front |" in table
-    assert "| poor | 9.00 | 5.0 |  |" in table
+    assert "| wave | 20 | accurate | 8.00 | 16.00 | 3.8 | front |" in table
+    assert "| wave | 20 | gamma=1 | 48.00 | 16.00 | 7.5 |  |" in table
     assert "diverged at t = 1 s" in table
+    for preset in ("fast", "balanced", "accurate"):
+        assert f"- `{preset}` is what the rule chooses." in table
+    # 5 % of error at l0^2 = 5 / 4e4; 5 % of amplitude lost by `papers` at 100 l0 = -ln 0.95, 1e-2 / l0^2 s
+    assert "| wave | 8 (between 20 rows (16.0 %) and 40 (4.0 %)) | 3.8e+04 (extrapolated to 780 rows" in table
     assert (tmp_path / "trade.png").stat().st_size > 5000
 
 

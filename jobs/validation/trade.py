@@ -7,7 +7,8 @@ Laplacian, time step, tolerance of the pressure solver, rebuild rule of its mult
 of run.py are, on one rank. Writes
 
 - jobs/validation/trade.csv, one line a run: what was set, its error, the error of the wave's amplitude where there is
-  one, and CPU-seconds of the time loop; postproc/trade.py draws it, and finds the fronts and the presets on them;
+  one, and CPU-seconds of the time loop, less those of the shortest run; postproc/trade.py draws it, and finds the
+  fronts and the presets on them;
 - parmps/trade.csv, what ``plan`` tells expected errors and costs from: the presets alone.
 """
 
@@ -93,17 +94,17 @@ GAUGES = ", ".join(f"{{name: eta{n}, kind: elevation, at: [{0.125 + 0.25 * n}, 0
 SCENES = {
     "standing wave": Scene(
         "standing_wave", "", (*FREE, "output.probes_every=0.06"), 0.5,
-        (0.0625, 0.04, 0.02, 0.01), (0.04, 0.02828, 0.02), 0.02, wave_errors,
+        (0.0625, 0.04, 0.02, 0.01), (0.04, 0.02828), 0.02, wave_errors,
     ),
     "resonant sloshing": Scene(
         "faltinsen", "", (*FREE, "time.end=5", "output.probes_every=0.05"), 0.6,
-        (0.06, 0.04, 0.02, 0.01), (0.06, 0.04, 0.03), 0.02, sloshing_errors,
+        (0.06, 0.04, 0.02, 0.01), (0.06, 0.04), 0.02, sloshing_errors,
     ),
     "dam-break front": Scene(
         "dam_break_front", "", FREE, 0.292, (0.0146, 0.0073, 0.00365), (0.0146,), 0.0073, front_errors,
     ),
     "water at rest": Scene(
-        "rest", "plain", (*FREE, "time.end=8"), 0.25, (0.025, 0.01, 0.005), (0.025,), 0.01, rest_errors,
+        "rest", "plain", (*FREE, "time.end=5"), 0.25, (0.025, 0.01, 0.005), (0.025,), 0.01, rest_errors,
     ),
     "standing wave, 3D": Scene(
         "standing_wave", "",
@@ -116,18 +117,15 @@ CHANGES = (
     "scheme.laplacian_radius=3.1",
     "scheme.steady_step=0.125",
     "scheme.steady_step=0.4",
-    "scheme.steady_step=0.5",
     "scheme.courant=0.2",
     "scheme.courant=0.8",
     "scheme.ksp_rtol=1e-2",
     "scheme.ksp_rtol=1e-4",
-    "scheme.ksp_rtol=1e-5",
     "scheme.hierarchy_excess=5",
     "scheme.hierarchy_excess=400",
-    "scheme.courant=0.8 scheme.steady_step=0.4 scheme.ksp_rtol=1e-2",
     "scheme.courant=0.2 scheme.steady_step=0.125 scheme.ksp_rtol=1e-5",
 )
-"""What is changed in `balanced`, as for ``--set``; the last two are bolder than the presets `fast` and `accurate`."""
+"""What is changed in `balanced`, as for ``--set``; the last goes further than `accurate`."""
 
 
 def settings(scene):
@@ -144,8 +142,36 @@ def settings(scene):
         yield from (("balanced", scene.knobs, change) for change in CHANGES)
 
 
-def rows_of(name, scene, runs):
-    """Lines of trade.csv from the runs of a scene that are kept."""
+def start_up(name, scene, case, limit):
+    """CPU-seconds before the first steps, such as for loading the compiled kernels.
+
+    Parameters
+    ----------
+    name : str
+        Of the scene.
+    scene : Scene
+    case : module
+    limit : float or None
+        Seconds a run may take; None to run nothing.
+
+    Returns
+    -------
+    float
+        Those of a run until the first sample.
+    """
+    short = (*scene.changes, "time.end=0.01", "output.probes_every=0.01")
+    label = f"start-{name}"
+    kept = run.Kept(scene.case, case, scene.variant, "balanced", scene.spacings[0], short, label)
+    if kept.status is None and limit is not None:
+        # they compile, where the code is new; what they take then does not count
+        for preset in ("papers", "balanced"):
+            run.Kept(scene.case, case, scene.variant, preset, scene.spacings[0], short, label).run(limit)
+        kept.run(limit)
+    return Results(kept.directory).record["cpu_seconds"] if kept.status == "done" else 0.0
+
+
+def rows_of(name, scene, runs, before):
+    """Lines of trade.csv from the runs of a scene that are kept, less the CPU-seconds before their first steps."""
     case, finest = runs[0][0].case, runs[0][0]
     for kept, change in runs:
         if kept.status is None:
@@ -166,7 +192,7 @@ def rows_of(name, scene, runs):
             "steps": record["steps"],
             "error [%]": "" if not error else f"{error:.3g}",  # a reference has no error
             "amplitude [%]": "" if amplitude is None else f"{amplitude:.3g}",
-            "CPU time [s]": f"{record['cpu_seconds']:.3g}",
+            "CPU time [s]": f"{max(record['cpu_seconds'] - before, 0.01):.3g}",
         }
 
 
@@ -194,10 +220,12 @@ def main():
             changes = (*scene.changes, *change.split())
             label = "-".join(filter(None, ["trade", f"{scene.changes.count('dimension=3') + 2}D", change]))
             runs.append((run.Kept(scene.case, case, scene.variant, preset, spacing, changes, label), change))
+        running = name in (options.scene or SCENES) and not options.report
+        before = start_up(name, scene, case, options.limit if running else None)
         for kept, _ in runs:
-            if kept.status is None and name in (options.scene or SCENES) and not options.report:
+            if running and kept.status is None:
                 kept.run(options.limit)
-        rows += rows_of(name, scene, runs)
+        rows += rows_of(name, scene, runs, before)
     write(run.HERE / "trade.csv", COLUMNS, rows, [f"`make trade` at {provenance()}."])
     presets = [row for row in rows if row.get("error [%]") and not row["change"]]
     write(run.ROOT / "parmps" / "trade.csv", TABLE, presets, [f"Measured by jobs/validation/trade.py, {provenance()}."])
