@@ -257,7 +257,7 @@ def measure_density(sim):
     p, s, w = sim.particles, sim.scheme, sim.work
     has_surface = not sim.job.full
     if has_surface and s.position == "start":
-        density.wet_walls(p.position, p.normal, *sim.pairs.wet, sim.strength, p.liquid, p.rows, w.wet)
+        density.wet_walls(p.position, p.normal, *sim.pairs.wet, sim.strength, sim.l0, p.liquid, p.rows, w.wet)
         sim.domain.exchange(w.wet)
     density.moments(
         p.position,
