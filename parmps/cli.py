@@ -279,7 +279,10 @@ def _sweep(arguments):
     if find_spec("matplotlib"):
         from parmps.figures.charts import save_sweep
 
-        save_sweep(sweep)
+        drawn = [picture.stem for picture in save_sweep(sweep)]
+        empty = [measure.name for measure in sweep.measures if measure.name not in drawn]
+        if empty and "done" in ends:
+            print(f"no case has a value of {', '.join(empty)}: peaks need at least one whole cycle in the window")
     else:
         print("no figures were drawn: that needs matplotlib")
     done = ends.count("done")
@@ -329,8 +332,7 @@ def _plan(job, arguments, domain):
             if arguments.png:
                 from parmps.figures.start import draw_plan
 
-                draw_plan(job, arguments.png)
-                print(f"\nThe particles at the start are drawn in {arguments.png}")
+                print(f"\nThe particles at the start are drawn in {draw_plan(job, arguments.png)}")
         except ParmpsError as problem:
             error = problem
     error = domain.share(error)

@@ -15,6 +15,11 @@ SHIFT_ACROSS = 0.05
 """Share of the shifting that acts across an interface."""
 SMOOTHINGS = 3
 """How often the colour function, and the curvature of its contours, are smoothed."""
+SLIP = 1.0
+"""Greatest difference of velocities that counts as slip, over l0 times the rate of the shortest waves, sqrt(f / l0).
+
+A faster sheet rolls up at the scale of the spacing (Kelvin and Helmholtz). Its liquids are one field to the operators.
+"""
 UNCERTAIN = 0.02
 """Slope of the fraction, per spacing, below which a normal says little; the second row has 0.1."""
 
@@ -39,6 +44,8 @@ class Near:
         First moment of the neighbours in other liquids, in 1/spacings; 0 away from interfaces.
     divergence : (rows,) float64, 1/s
         Filled near interfaces alone.
+    slips : (count,) int8
+        1 where the liquids slide along each other as a sheet.
     """
 
     def __init__(self, rows, count):
@@ -48,6 +55,7 @@ class Near:
         self.normal = np.zeros((count, 3))
         self.beyond = np.zeros((rows, 3))
         self.divergence = np.empty(rows)
+        self.slips = np.zeros(count, np.int8)
 
     def reset(self, count):
         """Forget the particles of the step before.
@@ -61,6 +69,12 @@ class Near:
         self.fraction[:] = 1.0
         self.normal[:] = 0.0
         self.beyond[:] = 0.0
+        self.slips[:] = 0
+
+    @property
+    def slipping(self):
+        """Those of the particles that slip: (k,) int32."""
+        return self.index[self.slips[self.index] != 0]
 
     @property
     def room(self):
@@ -159,6 +173,10 @@ def find_interfaces(sim):
     links = Links(sim, near)
     smooth_fraction(sim, near.fraction.copy(), near, links)
     find_normals(sim, near, links)
+    limit = SLIP * sim.l0 * sim.grid_number / sim.dt
+    interface.find_slip(p.velocity, p.kind, p.fluid, sim.liquids.sheet, near.index, *sim.pairs.wet, limit, near.slips)
+    near.beyond[near.index[near.slips[near.index] == 0]] = 0.0
+    sim.domain.exchange(near.slips)
 
 
 def find_curvature(sim):
@@ -196,10 +214,11 @@ def correct_divergence(sim):
     divergence : (m,) float64, 1/s
     """
     p, w, near = sim.particles, sim.work, sim.work.near_interface
-    common = (p.kind, p.fluid, sim.liquids.sheet)
-    links = (near.index, *sim.pairs.wet, sim.strength)
+    slipping = near.slipping
+    common = (p.kind, p.fluid, near.slips, sim.liquids.sheet)
+    links = (slipping, *sim.pairs.wet, sim.strength)
     scale = (sim.lattice.density, sim.dimension)
-    inverse = np.empty((len(near.index), 6))
+    inverse = np.empty((len(slipping), 6))
     interface.own_moments(p.position, *common, *links, *scale, inverse)
     density.invert(inverse, OWN_FLOOR, sim.dimension, inverse)
     interface.own_gradient(p.position, w.intermediate, *common, *links, inverse, *scale, w.gradient)
@@ -215,13 +234,14 @@ def correct_divergence(sim):
         *scale,
         near.divergence,
     )
-    return near.index, near.divergence[near.index]
+    return slipping, near.divergence[slipping]
 
 
 def correct_acceleration(sim):
     """Set grad P / rho near interfaces, where its tangential part jumps with the density."""
     p, s, w, near = sim.particles, sim.scheme, sim.work, sim.work.near_interface
-    inverse, sums = np.empty((len(near.index), 6)), np.empty((len(near.index), 3))
+    slipping = near.slipping
+    inverse, sums = np.empty((len(slipping), 6)), np.empty((len(slipping), 3))
     interface.pressure_gradient(
         p.position,
         p.pressure,
@@ -235,17 +255,18 @@ def correct_acceleration(sim):
         sim.liquids.tension,
         w.bend,
         near.normal,
-        near.index,
+        slipping,
         *sim.pairs.wet,
         sim.strength,
         sim.l0,
+        sim.surface_distance,
         sim.lattice.density,
         sim.dimension,
         inverse,
         sums,
     )
     density.invert(inverse, s.gradient_floor, sim.dimension, inverse)
-    interface.solve_gradient(w.force, near.index, inverse, sums, p.acceleration)
+    interface.solve_gradient(w.force, slipping, inverse, sums, p.acceleration)
 
 
 def limit_shifting(sim):
@@ -255,7 +276,8 @@ def limit_shifting(sim):
     these rows and leave a gap between them.
     """
     w, near = sim.work, sim.work.near_interface
-    normal = near.normal[near.index]
+    slipping = near.slipping
+    normal = near.normal[slipping]
     steep2 = np.einsum("ij,ij->i", normal, normal)
-    across = np.einsum("ij,ij->i", w.asymmetry[near.index], normal) / np.maximum(steep2, UNCERTAIN**2)
-    w.asymmetry[near.index] -= ((1.0 - SHIFT_ACROSS) * across)[:, None] * normal
+    across = np.einsum("ij,ij->i", w.asymmetry[slipping], normal) / np.maximum(steep2, UNCERTAIN**2)
+    w.asymmetry[slipping] -= ((1.0 - SHIFT_ACROSS) * across)[:, None] * normal

@@ -405,6 +405,11 @@ class Job(Section):
         """Thickness of each liquid's layer, m: tuple of float, None for a region."""
         return layer_depths(self)
 
+    @property
+    def full(self):
+        """Whether layers of liquid fill the tank to its lid, so that there is no free surface."""
+        return self.tank.lid and None not in self.depths and sum(self.depths) > self.tank.height * (1.0 - 1e-9)
+
     @model_validator(mode="before")
     @classmethod
     def _name_output_after_job_file(cls, data, info: ValidationInfo):

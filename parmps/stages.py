@@ -164,7 +164,7 @@ def make_plan(job, ranks):
     )
     moments = [
         Stage("density", "moments of the neighbourhood and free surface", measure_density),
-        Stage("surface", "pressure is zero on the free surface", locate_surface),
+        *when(not job.full, "surface", "pressure is zero on the free surface", locate_surface, "the tank is full"),
     ]
     return Plan(
         [
@@ -255,8 +255,9 @@ def find_neighbours(sim):
 def measure_density(sim):
     """Number density, free surface, and the moment matrices of the corrected operators."""
     p, s, w = sim.particles, sim.scheme, sim.work
-    if s.position == "start":
-        density.wet_walls(p.position, p.normal, *sim.pairs.wet, sim.strength, p.liquid, p.rows, w.wet)
+    has_surface = not sim.job.full
+    if has_surface and s.position == "start":
+        density.wet_walls(p.position, p.normal, *sim.pairs.wet, sim.strength, sim.l0, p.liquid, p.rows, w.wet)
         sim.domain.exchange(w.wet)
     density.moments(
         p.position,
@@ -271,11 +272,12 @@ def measure_density(sim):
         w.lean,
         w.matrix,
     )
-    density.mark_surface(w.density, w.asymmetry, sim.lattice.density, 0.9 * sim.lattice.asymmetry, w.surface)
-    if s.position == "start":
-        w.surface[p.liquid : p.rows] = 0
-    else:  # the papers' wall particles can be in the surface, and then have no pressure
-        density.mark_dry(p.kind, *sim.pairs.lists, p.liquid, p.rows, w.surface)
+    if has_surface:  # in a full tank a gap between particles is none of the liquid
+        density.mark_surface(w.density, w.asymmetry, sim.lattice.density, 0.9 * sim.lattice.asymmetry, w.surface)
+        if s.position == "start":
+            w.surface[p.liquid : p.rows] = 0
+        else:  # the papers' wall particles can be in the surface, and then have no pressure
+            density.mark_dry(p.kind, *sim.pairs.lists, p.liquid, p.rows, w.surface)
     sim.domain.exchange(w.asymmetry, w.surface)
     if s.gradient == "corrected":
         density.invert(w.matrix, s.divergence_floor, sim.dimension, w.inverse)
@@ -562,7 +564,7 @@ def accelerate(sim):
         sim.fluid,
         sim.liquids.share,
         sim.liquids.sheet,
-        None if w.near_interface is None else w.near_interface.normal,
+        *((None, None) if w.near_interface is None else (w.near_interface.slips, w.near_interface.normal)),
     )
     velocity.accelerate(w.intermediate, w.change, w.link_force, sim.dt, p.liquid, p.acceleration, p.velocity)
     sim.count_work()

@@ -255,6 +255,7 @@ def test_another_job_is_refused_by_its_difference(job, message):
 def test_another_version_is_refused(path):
     with pytest.raises(InputError, match=r"written by parmps 0\.0\.9, this is 0\.1\.0"):
         checkpoint.check_compatible(header_of(JOB, "0.0.9"), JOB, "0.1.0")
-    path.write_bytes(path.read_bytes().replace(b"parmps checkpoint 1 ", b"parmps checkpoint 99 ", 1))
+    title = b"parmps checkpoint %d "
+    path.write_bytes(path.read_bytes().replace(title % checkpoint.FORMAT_VERSION, title % 99, 1))
     with pytest.raises(InputError, match=f"format 99, this parmps reads format {checkpoint.FORMAT_VERSION}"):
         checkpoint.read_header(path)

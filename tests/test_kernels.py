@@ -279,7 +279,7 @@ def surface_at_rest(dimension):
     """The tank at rest, its moments and the particles found in the surface."""
     c = make_case(dimension, 0.0)
     wet = np.ones(len(c.p))
-    density.wet_walls(c.p.position, c.p.normal, *c.wet, c.p.liquid, c.rows, wet)
+    density.wet_walls(c.p.position, c.p.normal, *c.wet, c.l0, c.p.liquid, c.rows, wet)
     m = moments_of(c, wet)
     surface = np.zeros(len(c.p), np.int8)
     density.mark_surface(m.density, m.asymmetry, c.lat.density, 0.9 * c.lat.asymmetry, surface)

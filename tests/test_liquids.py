@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 
 from parmps.domain import Domain
-from parmps.interfaces import correct_acceleration, correct_divergence, find_curvature
+from parmps.interfaces import SLIP, correct_acceleration, correct_divergence, find_curvature
 from parmps.kernels import viscosity
 from parmps.kernels.weight import lattice
 from parmps.liquids import Liquids
 from parmps.loader import parse_job
 from parmps.particles import FLUID
 from parmps.simulation import Simulation
+from parmps.stages import smooth_density
 from parmps.tank import standing_wave
 from parmps.waves import layers_of
 
@@ -107,6 +108,17 @@ def test_divergence_where_the_tangential_velocity_jumps(start, dimension, noise)
     else:  # particles that are not mirrored miss the kink by their noise, not by the jump over a spacing
         np.testing.assert_allclose(found[at], trace[inner], atol=1.0)
         assert np.abs(0.3 / sim.l0) > 10.0
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_liquids_slip_no_faster_than_the_shortest_waves(start, share):
+    sim = start(two())
+    limit = SLIP * np.sqrt(G * sim.l0)
+    sim.particles.velocity[:, 0] = np.where(sim.particles.fluid == 1, 0.7, -0.3) * share * limit
+    _, near = ready(sim)
+    assert len(near.index) == 4 * 20
+    np.testing.assert_array_equal(near.slips[near.index], share < 1.0)
+    assert len(near.slipping) == (len(near.index) if share < 1.0 else 0)
 
 
 def test_acceleration_where_the_density_jumps(start):
@@ -253,6 +265,28 @@ def test_an_interfacial_wave_has_the_period_of_linear_theory(start):
     last = np.flatnonzero(moment[1:] < 0.0)[0]
     zero = times[last] + (times[last + 1] - times[last]) * moment[last] / (moment[last] - moment[last + 1])
     assert zero == pytest.approx(np.pi / omega, rel=0.04)  # 7 rows a layer; 7 % too long without slip
+
+
+def test_layers_that_overturn_in_a_full_tank_leave_no_gaps(start):
+    """Heavy liquid falls through light liquid: jets and roll-up, where slipping liquids tore the particles apart."""
+    sim = start(
+        "dimension: 2\nspacing: 0.01\ntank: {size: [0.2, 0.4]}\ntime: {end: 9.0, cfl: 0.4}\n"
+        "fluids: [{name: light, depth: 0.2, kinematic_viscosity: 3.9e-4},"
+        " {name: heavy, depth: 0.2, density: 3000, kinematic_viscosity: 3.9e-4}]\n"
+    )
+    assert "surface" in dict(sim.plan.left_out)
+    p = sim.particles
+    swapped = (p.kind == FLUID) & (np.abs(p.position[:, 2] - 0.2) < 0.02 * np.cos(20.0 * np.pi * p.position[:, 0]))
+    p.fluid[swapped] = 0
+    gap, worst, most = 0.0, 0.0, 0.0
+    while sim.time < 0.5:
+        sim.step(0.5)
+        most = max(most, sim.kinetic_energy())
+        ratio, _ = smooth_density(sim)
+        gap, worst = max(gap, 1.0 - ratio.min()), max(worst, sim.energy_drift())
+    assert most > 0.01 * sim.energy_scale  # it did overturn
+    assert gap < 0.3  # 0.8 at the end of sheets that slip at any speed
+    assert worst < 0.002
 
 
 def test_masses_are_those_of_the_volumes(start):

@@ -259,6 +259,17 @@ def test_a_surface_is_drawn_as_the_slice_cuts_it(tmp_path):
     np.testing.assert_allclose(radius, np.sqrt(0.2**2 - 0.1**2), rtol=0.01)
 
 
+@pytest.mark.filterwarnings("error::UserWarning")
+def test_a_signal_that_is_nought_and_too_few_samples(tmp_path, capsys):
+    write_particles(tmp_path)
+    rows = "".join(f"{0.1 * n},0\n" for n in range(8))
+    (tmp_path / "probes.csv").write_text(f"time [s],dry [m]\n{rows}")
+    assert [plot(kind, tmp_path) for kind in ("probes", "spectra", "peaks", "report")] == [0] * 4
+    (tmp_path / "probes.csv").write_text("time [s],dry [m]\n0,0\n1,0\n")
+    assert [plot(kind, tmp_path) for kind in ("probes", "spectra", "peaks", "report")] == [0, 2, 2, 0]
+    assert "2 samples from 0 s to 1 s of a run to 1 s; at least 4 are needed" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("content", [None, "time [s]\n0\n1\n", "time [s],P1 [Pa]\n", "time [s],P1 [Pa]\n0,text\n"])
 def test_probes_that_cannot_be_drawn_give_one_message(tmp_path, content, capsys):
     if content:

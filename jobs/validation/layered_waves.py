@@ -36,7 +36,7 @@ def forcing(layers, k, length, centre_height):
     return euler, tilt
 
 
-def roll_response(layers, length, amplitude, omega, centre_height, times, modes=15, damping=0.0):
+def roll_response(layers, length, amplitude, omega, centre_height, times, modes=15, damping=0.0, power=0):
     """Elevations of the layers' tops at the left wall, in the tank, after theta = amplitude sin(omega t).
 
     Parameters
@@ -52,6 +52,8 @@ def roll_response(layers, length, amplitude, omega, centre_height, times, modes=
         Number of odd modes.
     damping : float
         Ratio of damping of every free wave.
+    power : int
+        Count the odd mode m with 1 / m^power: 2 for what the centres of the liquids tell (see `layer_modes`).
 
     Returns
     -------
@@ -74,7 +76,7 @@ def roll_response(layers, length, amplitude, omega, centre_height, times, modes=
                 return [y[1], drive - w * w * y[0] - 2.0 * damping * w * y[1]]
 
             done = solve_ivp(rates, (0.0, times[-1]), [0.0, impulse[number]], t_eval=times, rtol=1e-8, atol=1e-12)
-            total += np.outer(done.y[0], shape[:, number])
+            total += np.outer(done.y[0] / m**power, shape[:, number])
     return total
 
 

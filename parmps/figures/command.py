@@ -8,7 +8,7 @@ from pathlib import Path
 from parmps.errors import InputError
 from parmps.figures.style import save
 from parmps.output import write_text
-from parmps.signals import find_signal, read_signals
+from parmps.signals import LEAST_SAMPLES, find_signal, read_signals
 
 
 def add_commands(parser):
@@ -85,8 +85,8 @@ def _add_view(command):
     command.add_argument("--across", metavar="Y", type=float, help="m; 3D: place of the slice, the middle by default")
 
 
-def _table(directory, arguments):
-    """Signals of a run, those asked for in the window asked for."""
+def _table(directory, arguments, least=LEAST_SAMPLES):
+    """Signals of a run, those asked for in the window asked for, with a least number of samples."""
     time, signals = read_signals(Path(directory) / "probes.csv")
     if not signals:
         raise InputError("", f"{Path(directory) / 'probes.csv'} has no signals: the job has no probes")
@@ -95,8 +95,9 @@ def _table(directory, arguments):
     begin = time[0] if arguments.begin is None else arguments.begin
     end = time[-1] if arguments.end is None else arguments.end
     inside = (time >= begin) & (time <= end)
-    if inside.sum() < 2:
-        raise InputError("--begin", f"from {begin:g} s to {end:g} s is no part of the run to {time[-1]:g} s")
+    if inside.sum() < least:
+        found = f"{inside.sum()} samples from {begin:g} s to {end:g} s of a run to {time[-1]:g} s"
+        raise InputError("", f"{found}; at least {least} are needed")
     return time[inside], [(name, unit, values[inside]) for name, unit, values in signals]
 
 
@@ -109,7 +110,7 @@ def _probes(arguments):
     from parmps.figures.curves import draw_histories
 
     directories = [arguments.source, *arguments.others]
-    runs = {str(directory): _table(directory, arguments) for directory in directories}
+    runs = {str(directory): _table(directory, arguments, 2) for directory in directories}
     reference = None if arguments.reference is None else read_signals(arguments.reference)
     figure = draw_histories(runs, reference, arguments.show)
     if arguments.show:

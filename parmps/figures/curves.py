@@ -89,7 +89,8 @@ def draw_spectra(time, signals, omegas=()):
         scale, label = scaled_label(key, largest)
         for colour, (name, _, values) in zip(COLOURS * len(mine), mine, strict=False):
             frequency, amplitude = lines[id(values)]
-            panel.semilogy(frequency, scale * amplitude, color=colour, linewidth=1.2, label=name)
+            shown = np.maximum(scale * amplitude, 1e-30)  # a signal that is nought has a logarithm, too
+            panel.semilogy(frequency, shown, color=colour, linewidth=1.2, label=name)
         top = max(scale * largest, 1e-12)
         panel.set_ylim(top * 10.0**-SPECTRUM_DECADES, 2.0 * top)
         for number, mark in enumerate(marks):

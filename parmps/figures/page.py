@@ -25,7 +25,7 @@ from parmps.figures.tables import aligned, forcing, peak_rows, peak_table
 from parmps.loader import job_text
 from parmps.output import write_text
 from parmps.report import timer_table
-from parmps.signals import read_signals
+from parmps.signals import LEAST_SAMPLES, read_signals
 from parmps.slabs import output_errors
 
 SNAPSHOTS = 4
@@ -72,11 +72,12 @@ def run_sections(directory, reference=None):
         known = None if reference is None else read_signals(reference)
         omega = forcing(job)
         sections.append(("Probes", draw_histories({"run": (time, signals)}, known)))
+        enough = len(time) >= LEAST_SAMPLES
         note = f": amplitude and phase at the motion's {omega:g} rad/s" if omega else ""
-        sections.append((f"Peaks{note}", peak_table(peak_rows(time, signals, omega))))
-        if len(time) > 2:
+        if enough:
+            sections.append((f"Peaks{note}", peak_table(peak_rows(time, signals, omega))))
             sections.append(("Spectra", draw_spectra(time, signals, [omega] if omega else [])))
-        if omega and omega * time[-1] > 4.0 * np.pi:
+        if enough and omega and omega * time[-1] > 4.0 * np.pi:
             sections.append(("Phases", draw_phases(time, signals, omega)))
     moments = np.unique(np.linspace(0, len(times) - 1, SNAPSHOTS).round().astype(int))
     for field in ("pressure", "speed"):

@@ -21,6 +21,10 @@ def draw_plan(job, path):
     path : path-like
         Of the picture.
 
+    Returns
+    -------
+    Path
+
     Raises
     ------
     OutputError
@@ -42,7 +46,7 @@ def draw_plan(job, path):
     patches = [Patch(color=colour, label=label) for colour, label, chosen in groups if chosen.any()]
     panels[0, -1].legend(handles=patches, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
     set_title(figure, job.title)
-    save(figure, path)
+    return save(figure, path)
 
 
 def _draw_layer(axes, job, start, axis, groups):

@@ -69,7 +69,7 @@ def save(figure, path):
     ----------
     figure : matplotlib.figure.Figure
     path : path-like
-        Its ending chooses the format.
+        Its ending chooses the format; PNG without one.
 
     Returns
     -------
@@ -82,10 +82,11 @@ def save(figure, path):
     """
     from matplotlib import pyplot
 
+    path = Path(path) if Path(path).suffix else Path(path).with_suffix(".png")
     with output_errors(path):
         figure.savefig(path, dpi=150)
     pyplot.close(figure)
-    return Path(path)
+    return path
 
 
 def finish_panel(panel, legend=True):

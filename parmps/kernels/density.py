@@ -9,11 +9,11 @@ from parmps.kernels.weight import smooth_weight, spline_weight
 
 
 @compiled
-def wet_walls(position, normal, first, last, other, strength, begin, end, wet):
-    """Tell how far walls are under the surface: by how much of their liquid is on one side, along the wall.
+def wet_walls(position, normal, first, last, other, strength, l0, begin, end, wet):
+    """Tell how far walls are under the surface: dry ones have all of their liquid on one side, and none near.
 
-    A wall particle in line with the surface row is wet, one a spacing above it is dry; those of a corner under
-    water, whose liquid is all in front of them, are wet.
+    A wall particle in line with the surface row has one of its particles a spacing away, one above it has none nearer
+    than 1.4 spacings. Neither have those of a corner under water, but their liquid is in front of them.
 
     Parameters
     ----------
@@ -24,6 +24,8 @@ def wet_walls(position, normal, first, last, other, strength, begin, end, wet):
         Neighbour lists.
     strength : (pairs,) float64, 1/m2
         W / r_ij^2, as made by `strengths`.
+    l0 : float
+        Spacing, m.
     begin, end : int
         Range of the wall particles.
     wet : (n,) float64
@@ -32,10 +34,12 @@ def wet_walls(position, normal, first, last, other, strength, begin, end, wet):
     for i in range(begin, end):
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
         n = tx = ty = tz = 0.0
+        nearest = math.inf
         for k in range(first[i], last[i]):
             j, s = other[k], strength[k]
             dx, dy, dz = position[j, 0] - x, position[j, 1] - y, position[j, 2] - z
             r = math.sqrt(dx * dx + dy * dy + dz * dz)
+            nearest = min(nearest, r)
             s *= r
             n += s * r
             front = dx * normal[i, 0] + dy * normal[i, 1] + dz * normal[i, 2]
@@ -43,7 +47,8 @@ def wet_walls(position, normal, first, last, other, strength, begin, end, wet):
             ty += s * (dy - front * normal[i, 1])
             tz += s * (dz - front * normal[i, 2])
         share = math.sqrt(tx * tx + ty * ty + tz * tz) / max(n, 1e-300)
-        wet[i] = 0.0 if n == 0.0 else min(max((0.55 - share) / 0.25, 0.0), 1.0)
+        found = max((0.55 - share) / 0.25, (1.35 - nearest / l0) / 0.25)
+        wet[i] = min(max(found, 0.0), 1.0) if n > 0.0 else 0.0
 
 
 @compiled

@@ -176,6 +176,7 @@ def residual_damping(
     fluid=None,
     share=None,
     sheet=None,
+    slips=None,
     normal=None,
 ):
     """Velocity change that damps what a linear field cannot explain.
@@ -205,7 +206,7 @@ def residual_damping(
         Filled for the rows.
     fluid, share
         As in `poisson_rows`: heavier particles change less.
-    sheet, normal
+    sheet, slips, normal
         As in `interface.divergence`.
     """
     for i in range(rows):
@@ -227,7 +228,8 @@ def residual_damping(
                 rx -= (g[1] + h[j, 1]) * dy
                 rz -= (g[7] + h[j, 7]) * dy
                 ry = velocity[j, 1] - v - (g[3] + h[j, 3]) * dx - (g[4] + h[j, 4]) * dy - (g[5] + h[j, 5]) * dz
-            if sheet is not None and sheet[fluid[i], fluid[j]]:  # tangentially, liquids may slip
+            # tangentially, liquids may slip
+            if sheet is not None and slips[i] * slips[j] != 0 and sheet[fluid[i], fluid[j]]:
                 nx, ny, nz = normal[i, 0] - normal[j, 0], normal[i, 1] - normal[j, 1], normal[i, 2] - normal[j, 2]
                 along = (rx * nx + ry * ny + rz * nz) / (nx * nx + ny * ny + nz * nz + 1e-300)
                 rx, ry, rz = along * nx, along * ny, along * nz

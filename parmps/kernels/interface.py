@@ -323,13 +323,50 @@ def _add_moment(matrix, s, dx, dy, dz):
 
 
 @compiled
-def own_moments(position, kind, fluid, sheet, near, first, last, other, strength, n0, dimension, matrix):
+def find_slip(velocity, kind, fluid, sheet, near, first, last, other, limit, slips):
+    """Tell the particles near interfaces whose liquid slides along the other one slowly enough to do so as a sheet.
+
+    Parameters
+    ----------
+    velocity : (n, 3) float64, m/s
+    kind, fluid, sheet, near, first, last, other
+        As in `own_moments`.
+    limit : float, m/s
+        Greatest difference between the mean velocities of a particle's neighbours in its own liquid and in others.
+    slips : (n,) int8
+        Filled for those particles: 1 where the difference is no greater.
+    """
+    own, beyond = np.empty(3), np.empty(3)
+    for i in near:
+        own[:], beyond[:] = velocity[i], 0.0
+        within, across = 1, 0
+        for k in range(first[i], last[i]):
+            j = other[k]
+            if kind[j] != 0:
+                continue
+            if sheet[fluid[i], fluid[j]]:
+                beyond += velocity[j]
+                across += 1
+            else:
+                own += velocity[j]
+                within += 1
+        slips[i] = _length(own / within - beyond / max(across, 1)) <= limit
+
+
+@compiled
+def own_moments(position, kind, fluid, slips, sheet, near, first, last, other, strength, n0, dimension, matrix):
     """Moment matrices over the neighbours in a particle's own liquid and walls, as in `moments`.
 
     Parameters
     ----------
-    position, kind, fluid, sheet, near, first, last, other, strength
-        As in `normals`.
+    position, kind, fluid, first, last, other, strength
+        As in `moments`.
+    slips : (n,) int8
+        As made by `find_slip`; other liquids count as the own one unless both particles slip.
+    sheet : (liquids, liquids) bool
+        Whether the velocity can jump between two liquids.
+    near : (m,) int32
+        The particles, all of which slip.
     n0 : float
     dimension : int
     matrix : (m, 6) float64
@@ -341,7 +378,7 @@ def own_moments(position, kind, fluid, sheet, near, first, last, other, strength
         xx = xy = xz = yy = yz = zz = 0.0
         for k in range(first[i], last[i]):
             j = other[k]
-            if kind[j] == 0 and sheet[fluid[i], fluid[j]]:
+            if kind[j] == 0 and slips[j] != 0 and sheet[fluid[i], fluid[j]]:
                 continue
             dx = position[j, 0] - position[i, 0]
             dy = position[j, 1] - position[i, 1]
@@ -359,13 +396,13 @@ def own_moments(position, kind, fluid, sheet, near, first, last, other, strength
 
 @compiled
 def own_gradient(
-    position, velocity, kind, fluid, sheet, near, first, last, other, strength, inverse, n0, dimension, out
+    position, velocity, kind, fluid, slips, sheet, near, first, last, other, strength, inverse, n0, dimension, out
 ):
     """Gradient of the velocity of a particle's own liquid, which can jump at the interface.
 
     Parameters
     ----------
-    position, kind, fluid, sheet, near, first, last, other, strength, n0, dimension
+    position, kind, fluid, slips, sheet, near, first, last, other, strength, n0, dimension
         As in `own_moments`.
     velocity : (n, 3) float64, m/s
     inverse : (m, 6) float64
@@ -381,7 +418,7 @@ def own_gradient(
         g[:] = 0.0
         for k in range(first[i], last[i]):
             j = other[k]
-            if kind[j] == 0 and sheet[fluid[i], fluid[j]]:
+            if kind[j] == 0 and slips[j] != 0 and sheet[fluid[i], fluid[j]]:
                 continue
             s = scale * strength[k]
             for b in range(3):
@@ -403,6 +440,7 @@ def divergence(
     gradient,
     kind,
     fluid,
+    slips,
     sheet,
     normal,
     near,
@@ -423,7 +461,7 @@ def divergence(
 
     Parameters
     ----------
-    position, velocity, kind, fluid, sheet, near, first, last, other, strength, n0, dimension
+    position, velocity, kind, fluid, slips, sheet, near, first, last, other, strength, n0, dimension
         As in `own_gradient`.
     gradient : (n, 9) float64, 1/s
         Of each particle's own liquid.
@@ -446,7 +484,7 @@ def divergence(
             u = velocity[j, 0] - velocity[i, 0]
             v = velocity[j, 1] - velocity[i, 1]
             w = velocity[j, 2] - velocity[i, 2]
-            if kind[j] == 0 and sheet[fluid[i], fluid[j]]:
+            if kind[j] == 0 and slips[j] != 0 and sheet[fluid[i], fluid[j]]:
                 h = gradient[j]
                 ox = g[0] * dx + g[1] * dy + g[2] * dz
                 oy = g[3] * dx + g[4] * dy + g[5] * dz
@@ -489,6 +527,7 @@ def pressure_gradient(
     other,
     strength,
     l0,
+    surface_distance,
     n0,
     dimension,
     matrix,
@@ -504,8 +543,8 @@ def pressure_gradient(
     ----------
     position, kind, fluid, normal, near, first, last, other, strength, n0, dimension
         As in `divergence`.
-    l0 : float
-        Spacing, m.
+    l0, surface_distance : float
+        Spacing, and distance from surface particles to the free surface, m.
     pressure : (n,) float64, Pa
     force : (n, 3) float64, m/s2
         Of fluid particles.
@@ -559,7 +598,8 @@ def pressure_gradient(
             qx, qy, qz = lean[i, 0], lean[i, 1], lean[i, 2]
             size = math.sqrt(qx * qx + qy * qy + qz * qz) + 1e-300
             s = scale / size
-            q = -2.0 * own * here * size / (density * l0) - force[i, 0] * qx - force[i, 1] * qy - force[i, 2] * qz
+            q = -own * here * size / (density * surface_distance)
+            q -= force[i, 0] * qx + force[i, 1] * qy + force[i, 2] * qz
             gx += s * q * qx
             gy += s * q * qy
             gz += s * q * qz

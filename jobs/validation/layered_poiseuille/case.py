@@ -5,7 +5,7 @@ from results import rms
 
 TITLE = "Two viscous layers between plates"
 SPACINGS = (0.005,)
-ACCELERATION = 6.0
+ACCELERATION = 2.0
 """rad/s2, of spin.csv."""
 VARIANTS = {f"ratio {ratio}": [f"fluids[1].kinematic_viscosity={1e-3 * ratio}"] for ratio in (1, 10, 100)}
 TARGETS = {"velocity [%]": 2.0}

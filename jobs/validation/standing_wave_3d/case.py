@@ -9,7 +9,7 @@ from results import rms
 from parmps.tank import FLUID, place
 
 TITLE = "Standing wave in three dimensions"
-SPACINGS = (0.03, 0.02)
+SPACINGS = (0.0375, 0.025)
 AMPLITUDE = 0.02
 """m."""
 PERIODS = 5
@@ -55,7 +55,7 @@ def reference(job, end, samples):
 
 def crossings(time, signal):
     """Times at which a signal rises through zero, from lines between samples, s; the start is one."""
-    at = np.flatnonzero((signal[:-1] < 0.0) & (signal[1:] >= 0.0))
+    at = np.flatnonzero((signal[1:-1] < 0.0) & (signal[2:] >= 0.0)) + 1
     return np.append(0.0, time[at] - signal[at] * (time[at + 1] - time[at]) / (signal[at + 1] - signal[at]))
 
 

@@ -7,7 +7,7 @@ from potential import PotentialFlow, surge_response
 from results import rms
 
 TITLE = "Linear sloshing in both horizontal modes"
-SPACINGS = (0.03, 0.02)
+SPACINGS = (0.0375, 0.025)
 MODES = {"along": (1, 0), "across": (0, 1)}
 TARGETS = {f"{name} [%]": 6.0 for name in MODES}
 
