@@ -326,10 +326,11 @@ def draw(points):
         mine = [p for p in points if p.scene == scene]
         front = pareto(mine)
         panel.loglog([p.cost for p in front], [p.error for p in front], color="0.8", linewidth=6.0, zorder=0)
-        changed, limit = [p for p in mine if p.change], 1.8 * min((p.error for p in mine if p.change), default=0.0)
+        changed = [p for p in mine if p.change]
+        plain = {p.spacing: p.error for p in mine if p.preset == "balanced" and not p.change}
         panel.plot([p.cost for p in changed], [p.error for p in changed], ".", color="0.5")
         for p in changed:
-            if p.error > limit:
+            if p.error > 2.5 * plain.get(p.spacing, 0.0):  # the others lie too close together for names
                 where = {"textcoords": "offset points", "ha": "right", "fontsize": 7, "color": "0.4"}
                 panel.annotate(p.setting, (p.cost, p.error), (-4, 2), **where)
         for colour, marker, preset in zip(COLOURS, "os^D", PRESETS, strict=False):
