@@ -36,8 +36,8 @@ from parmps.figures.style import COLOURS
 PRESETS = ("balanced", "fast", "accurate", "papers")
 MOST_ERROR, MOST_COST = 1.5, 2.0
 """Of `fast` and `accurate`, over those of `balanced`."""
-MARKED = 2.2
-"""Error over that of `balanced` from which a changed setting is named in the picture."""
+MARKED = 2.5
+"""Error over that of `balanced` from which a changed setting is named in the picture: the others lie too close."""
 MOST_COURANT = 0.6
 """Greatest Courant number of a preset."""
 AMPLITUDE = 5.0
