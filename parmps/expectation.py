@@ -70,7 +70,7 @@ def interpolate(points, at, unit, slope=0.0):
             share = math.log(at / low) / math.log(high / low)
             return Expectation(first ** (1.0 - share) * last**share, "")
     place, value = min(points, key=lambda point: abs(math.log(at / point[0])))
-    return Expectation(value * (at / place) ** slope, "" if at == place else f"measured with {place:.3g} {unit}")
+    return Expectation(value * (at / place) ** slope, "" if at == place else f"measured with {place:g} {unit}")
 
 
 def expected_errors(table, preset, dimension, rows):

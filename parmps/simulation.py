@@ -30,6 +30,9 @@ IMBALANCE = 1.05
 """Largest over mean cost of the ranks beyond which particles are distributed anew."""
 SORT_EVERY = 400
 """Steps after which particles are sorted again for the sake of the caches."""
+CLOSED_STEP = 0.125
+"""Bound of the step by the body force f where a part of the liquid has no free surface: dt <= 0.125 sqrt(l0 / f). With
+0.2 and more, particles of a full tank in 3D that pitches by 20 degrees piled up to three times the density."""
 CAPILLARY_STEP = math.sqrt(0.25 / math.pi)
 """Bound of the step by surface tension: dt <= sqrt((rho_1 + rho_2) l0^3 / (4 pi sigma)) (Brackbill 1992)."""
 CAPILLARY_SHARE = 0.25
@@ -375,7 +378,8 @@ class Simulation:
         if speed > 0.0:
             bounds.append(self.job.courant * self.l0 / speed)
         if force > 0.0:
-            bounds.append(self.scheme.steady_step * math.sqrt(self.l0 / force))
+            steady = min(self.scheme.steady_step, CLOSED_STEP if self.floating.count else math.inf)
+            bounds.append(steady * math.sqrt(self.l0 / force))
         if self.liquids.capillary_rate > 0.0:
             bounds.append(CAPILLARY_STEP * math.sqrt(self.l0**3 / self.liquids.capillary_rate))
         if self.scheme.position == "moved":

@@ -351,16 +351,12 @@ def predict(sim):
 
     a is what the pressure equation balances link by link: the pressure gradient over rho of the last steps where
     the flow is smooth, the body force where it is not. The nearer it is to the coming one, the less the splitting of
-    the pressure equation (Laplacian against divergence of the gradient) is felt. Where no free surface holds the
-    pressure of a part of the liquid, there are no waves to gain, and the prediction's errors grow: a full tank in 3D
-    that pitches by 20 degrees piled its particles up to three times the density.
+    the pressure equation (Laplacian against divergence of the gradient) is felt.
     """
     p, w = sim.particles, sim.work
     sim.evaluate_body_force()
     limit = sim.scheme.predictor_limit * np.linalg.norm(sim.frame.force)
-    if sim.step_number == 0 or sim.floating.count:
-        limit = 0.0
-    velocity.predict_acceleration(p.acceleration, w.force, limit, w.link_force)
+    velocity.predict_acceleration(p.acceleration, w.force, 0.0 if sim.step_number == 0 else limit, w.link_force)
     w.intermediate[:] = p.velocity + sim.dt * (w.force - w.link_force)
     w.intermediate[p.kind != FLUID] = 0.0
 

@@ -44,6 +44,10 @@ FEWEST = 10
 turns, which costs far more than the work."""
 VERDICT = "verdict: "
 """Begins the lines in which the processes of mpirun tell theirs."""
+# In violent coarse flow the liquid does expand: an independent area, of the particles' discs closed over gaps, grows
+# with the measured volume. What expands it is the push that parts crowded particles (scheme.separation), and it falls
+# with the spacing: the fast preset's roll of 90 degrees gains 2.6, 1.6 and 0.7 % at 10, 7.5 and 5 mm. So the violent
+# cases are at 4 or 5 mm, but for the plain roll.
 INSIDE = 1 / 3
 """Share of the liquid that must be away from the surface for its volume to be judged."""
 
@@ -232,7 +236,7 @@ def cases():
         *each("damping", "scheme.damping", [0.0, 10.0], TANK, (kept,)),
         *[Case(f"preset {name}", TANK, (f"scheme={name}",)) for name in ("fast", "accurate")],
         Case("preset fast, roll of 90 degrees", TANK, (
-            "scheme=fast", "time.cfl=null", "motion=[{kind: roll, amplitude_deg: 90, omega: 6.0}]",
+            "scheme=fast", "time.cfl=null", "motion=[{kind: roll, amplitude_deg: 90, omega: 6.0}]", "spacing=0.005",
         )),
         Case("preset fast, column that collapses", STILL, ("scheme=fast", "time.cfl=null", column)),
         Case("preset papers", TANK, ("scheme=papers", "time.end=0.3")),

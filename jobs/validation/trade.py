@@ -129,6 +129,13 @@ CHANGES = (
 """What is changed in `balanced`, as for ``--set``; the last two go further than `fast` and `accurate`."""
 
 
+REPEATS = 2
+"""More runs of each preset at the spacing of the changes: the least of the CPU times is the cost, since other programs
+that run on the machine only add to it."""
+
+TIMES = f"CPU times of the presets at the spacing of the changes are the least of {1 + REPEATS} runs."
+
+
 def settings(scene):
     """Preset, spacing and change of each run of a scene: the finest `balanced` first, which others may refer to."""
     finest = scene.spacings[-1]
@@ -174,7 +181,7 @@ def start_up(name, scene, case, limit):
 def rows_of(name, scene, runs, before):
     """Lines of trade.csv from the runs of a scene that are kept, less the CPU-seconds before their first steps."""
     case, finest = runs[0][0].case, runs[0][0]
-    for kept, change in runs:
+    for kept, change, again in runs:
         if kept.status is None:
             continue
         row = {"scene": name, "preset": kept.preset, "change": change, "spacing [m]": f"{kept.spacing:g}"}
@@ -183,6 +190,8 @@ def rows_of(name, scene, runs, before):
             continue
         results = Results(kept.directory)
         record = results.record
+        same = [Results(each.directory).record for each in again if each.status == "done"]
+        seconds = min(each["cpu_seconds"] for each in (record, *same))
         error, amplitude = (None, None)
         if finest.status == "done":
             error, amplitude = scene.measure(case, results, Results(finest.directory))
@@ -193,7 +202,7 @@ def rows_of(name, scene, runs, before):
             "steps": record["steps"],
             "error [%]": "" if not error else f"{error:.3g}",  # a reference has no error
             "amplitude [%]": "" if amplitude is None else f"{amplitude:.3g}",
-            "CPU time [s]": f"{max(record['cpu_seconds'] - before, 0.01):.3g}",
+            "CPU time [s]": f"{max(seconds - before, 0.01):.3g}",
         }
 
 
@@ -219,15 +228,19 @@ def main():
         runs = []
         for preset, spacing, change in settings(scene):
             changes = (*scene.changes, *change.split())
-            label = "-".join(filter(None, ["trade", f"{scene.changes.count('dimension=3') + 2}D", change]))
-            runs.append((run.Kept(scene.case, case, scene.variant, preset, spacing, changes, label), change))
+            labels = ["-".join(filter(None, ["trade", name, change]))]
+            if spacing == scene.knobs and not change:
+                labels += [f"{labels[0]}-again-{number}" for number in range(REPEATS)]
+            kept, *again = (run.Kept(scene.case, case, scene.variant, preset, spacing, changes, at) for at in labels)
+            runs.append((kept, change, again))
         running = name in (options.scene or SCENES) and not options.report
         before = start_up(name, scene, case, options.limit if running else None)
-        for kept, _ in runs:
-            if running and kept.status is None:
-                kept.run(options.limit)
+        for kept, _, again in runs:
+            for each in (kept, *again):
+                if running and each.status is None:
+                    each.run(options.limit)
         rows += rows_of(name, scene, runs, before)
-    write(run.HERE / "trade.csv", COLUMNS, rows, [f"`make trade` at {provenance()}."])
+    write(run.HERE / "trade.csv", COLUMNS, rows, [f"`make trade` at {provenance()} {TIMES}"])
     presets = [row for row in rows if row.get("error [%]") and not row["change"]]
     write(run.ROOT / "parmps" / "trade.csv", TABLE, presets, [f"Measured by jobs/validation/trade.py, {provenance()}."])
 
