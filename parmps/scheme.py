@@ -60,7 +60,7 @@ class Scheme(Section):
         default="start",
     )
     surface: Literal["ghost", "dirichlet"] = setting(
-        "free surface: virtual zero-pressure particles half a spacing above (ghost; after Shibata 2015), or "
+        "free surface: virtual particles of zero pressure on it (ghost; after Shibata 2015), or "
         "P = 0 on the surface particles (dirichlet; [004])",
         default="ghost",
     )
