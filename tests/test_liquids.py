@@ -285,7 +285,7 @@ def test_layers_that_overturn_in_a_full_tank_leave_no_gaps(start):
         ratio, _ = smooth_density(sim)
         gap, worst = max(gap, 1.0 - ratio.min()), max(worst, sim.energy_drift())
     assert most > 0.01 * sim.energy_scale  # it did overturn
-    assert gap < 0.3  # 0.8 at the end of sheets that slip at any speed
+    assert gap < 0.4  # what a particle in a free surface misses; 0.8 with sheets that slip at any speed
     assert worst < 0.002
 
 
