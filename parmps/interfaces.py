@@ -34,6 +34,8 @@ class Near:
 
     Attributes
     ----------
+    room : (rows,) int32
+        Room for the list of the particles.
     index : (m,) int32
         The particles.
     fraction : (count,) float64
@@ -49,8 +51,8 @@ class Near:
     """
 
     def __init__(self, rows, count):
-        self._room = np.empty(rows, np.int32)
-        self.index = self._room[:0]
+        self.room = np.empty(rows, np.int32)
+        self.index = self.room[:0]
         self.fraction = np.ones(count)
         self.normal = np.zeros((count, 3))
         self.beyond = np.zeros((rows, 3))
@@ -63,9 +65,9 @@ class Near:
         Parameters
         ----------
         count : int
-            Number of particles near interfaces now, listed in the room that `room` gives.
+            Number of particles near interfaces now, listed in `room`.
         """
-        self.index = self._room[:count]
+        self.index = self.room[:count]
         self.fraction[:] = 1.0
         self.normal[:] = 0.0
         self.beyond[:] = 0.0
@@ -75,11 +77,6 @@ class Near:
     def slipping(self):
         """Those of the particles that slip: (k,) int32."""
         return self.index[self.slips[self.index] != 0]
-
-    @property
-    def room(self):
-        """Room for the list: (rows,) int32."""
-        return self._room
 
 
 def label_walls(sim):

@@ -11,6 +11,7 @@ the particle's own liquid in its neighbourhood.
 import numpy as np
 
 from parmps.kernels.walls import distances, hidden_from_column, wall_distance
+from parmps.kernels.weight import spline_weight
 from parmps.lattice import faces
 from parmps.tank import FLUID, WALL
 
@@ -250,8 +251,7 @@ class InterfaceGauge(ElevationGauge):
 
 def _spline(x):
     """Cubic B-spline: its values at distances of one add up to 1."""
-    x = np.abs(x)
-    return (np.maximum(2.0 - x, 0.0) ** 3 - 4.0 * np.maximum(1.0 - x, 0.0) ** 3) / 6.0
+    return spline_weight.py_func(np.abs(x), 2.0)
 
 
 class LiquidProbe:

@@ -100,26 +100,26 @@ def make_plan(job, ranks):
         return []
 
     viscous, why = viscosity_matters(job)
-    several = len(job.fluids) > 1
+    liquids = Liquids(job)
     halo = when(ranks > 1, "halo", f"particles of {ranks} ranks see each other", refresh_halo, "one rank")
     search = [Stage("neighbours", "every operator sums over neighbours", find_neighbours)]
     viscosity = when(viscous, "viscosity", why, add_viscosity, why)
     walls = when(
-        several,
+        liquids.several,
         "wall liquids",
         f"walls have the density of the one of {len(job.fluids)} liquids next to them",
         label_walls,
         "one liquid",
     )
     interfaces = when(
-        Liquids(job).sheet is not None,
+        liquids.sheet is not None,
         "interfaces",
         "velocity and pressure gradient jump between liquids",
         find_interfaces,
-        "all liquids have one density" if several else "one liquid",
+        "all liquids have one density" if liquids.several else "one liquid",
     )
     curvature = when(
-        Liquids(job).tension is not None,
+        liquids.tension is not None,
         "curvature",
         "surface tension makes the pressure jump",
         find_curvature,
@@ -607,7 +607,7 @@ def pressure_gradient(sim):
 
 
 def move(sim):
-    """r^(n+1) = r^n + dt v^(n+1), with shifting; surface particles keep half a spacing below the surface."""
+    """r^(n+1) = r^n + dt v^(n+1), with shifting; surface particles move as the surface above them does."""
     p, s, w = sim.particles, sim.scheme, sim.work
     beyond = None
     if w.near_interface is not None:

@@ -60,8 +60,8 @@ def spline_weight(distance, reach):
     -------
     float
     """
-    q = min(2.0 * distance / reach, 2.0)
-    return (2.0 - q) ** 3 / 6.0 - max(1.0 - q, 0.0) ** 3 * 2.0 / 3.0
+    q = 2.0 * distance / reach
+    return (np.maximum(2.0 - q, 0.0) ** 3 - 4.0 * np.maximum(1.0 - q, 0.0) ** 3) / 6.0
 
 
 class Lattice(NamedTuple):
