@@ -7,7 +7,7 @@ from potential import PotentialFlow, surge_response
 from results import rms
 
 TITLE = "Linear surge sloshing from rest"
-SPACINGS = (0.02, 0.01)
+SPACINGS = (0.01, 0.005)
 # first mode: sqrt(g k tanh(k h)) = 5.3138 rad/s; amplitudes such that the wave is some 20 mm high at each ratio
 VARIANTS = {
     "0.6": ["motion[0].amplitude=0.01", "motion[0].omega=3.1883"],
