@@ -537,7 +537,8 @@ def pressure_gradient(
 
     Least squares for the acceleration a of the own liquid beyond the body force f: on a link of volume b the
     pressure says b (P_j - P_i) - f . d = a' . d', where d' is d with its part along the interface multiplied by
-    b rho_i, since P itself is continuous there.
+    b rho_i, since P itself is continuous there. With surface tension it is P_j less the jump at r_j: in mid-link, as in
+    the pressure equation, the way from there to r_j would have the tangential gradient of the other side.
 
     Parameters
     ----------
@@ -571,8 +572,8 @@ def pressure_gradient(
             dy = (position[j, 1] - position[i, 1]) / l0
             dz = (position[j, 2] - position[i, 2]) / l0
             there = pressure[j] if surface[j] == 0 else max(pressure[j], 0.0)
-            if tension is not None:
-                there -= pressure_jump(fluid[i], fluid[j], tension, bend[i], bend[j])
+            if tension is not None and fluid[i] != fluid[j]:
+                there -= tension[fluid[i], fluid[j]] * bend[j]
             b = volume[fluid[i], fluid[j]]
             q = b * (there - here) / (density * l0) - force[i, 0] * dx - force[i, 1] * dy - force[i, 2] * dz
             if kind[j] == 0 and fluid[i] != fluid[j]:
@@ -612,6 +613,29 @@ def pressure_gradient(
         matrix[a, 0], matrix[a, 1], matrix[a, 2] = xx, xy, xz
         matrix[a, 3], matrix[a, 4], matrix[a, 5] = yy, yz, zz
         sums[a, 0], sums[a, 1], sums[a, 2] = gx, gy, gz
+
+
+@compiled
+def asymmetry_across(position, kind, fluid, sheet, near, first, last, other, strength, n0, dimension, out):
+    """Part of the asymmetry, as in `moments`, that the neighbours in other liquids make.
+
+    Parameters
+    ----------
+    position, kind, fluid, sheet, near, first, last, other, strength, n0, dimension
+        As in `own_moments`.
+    out : (m, 3) float64
+        Filled.
+    """
+    scale = dimension / n0
+    for a in range(near.shape[0]):
+        i = near[a]
+        out[a] = 0.0
+        for k in range(first[i], last[i]):
+            j = other[k]
+            if kind[j] != 0 or not sheet[fluid[i], fluid[j]]:
+                continue
+            d = position[j] - position[i]
+            out[a] -= scale * strength[k] * _length(d) * d
 
 
 @compiled
