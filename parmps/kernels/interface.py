@@ -186,10 +186,10 @@ def image_links(position, kind, normal, depth, near, first, last, other, reach, 
                 dy = position[j, 1] - position[i, 1]
                 dz = position[j, 2] - position[i, 2]
                 r2 = dx * dx + dy * dy + dz * dz
-                if r2 < least:
-                    least = r2
+                above = -(dx * normal[j, 0] + dy * normal[j, 1] + dz * normal[j, 2]) - depth[j]
+                if r2 < least and above > 0.05 * reach:  # not in the plane of a baffle's end, beside it
+                    least, height = r2, above
                     n[:] = normal[j]
-                    height = -(dx * n[0] + dy * n[1] + dz * n[2]) - depth[j]
             if least == math.inf:
                 break
             for k in range(begin[a] - 1, count):
