@@ -537,8 +537,7 @@ def pressure_gradient(
 
     Least squares for the acceleration a of the own liquid beyond the body force f: on a link of volume b the
     pressure says b (P_j - P_i) - f . d = a' . d', where d' is d with its part along the interface multiplied by
-    b rho_i, since P itself is continuous there. With surface tension it is P_j less the jump at r_j: in mid-link, as in
-    the pressure equation, the way from there to r_j would have the tangential gradient of the other side.
+    b rho_i, since P itself is continuous there.
 
     Parameters
     ----------
@@ -572,8 +571,8 @@ def pressure_gradient(
             dy = (position[j, 1] - position[i, 1]) / l0
             dz = (position[j, 2] - position[i, 2]) / l0
             there = pressure[j] if surface[j] == 0 else max(pressure[j], 0.0)
-            if tension is not None and fluid[i] != fluid[j]:
-                there -= tension[fluid[i], fluid[j]] * bend[j]
+            if tension is not None:
+                there -= pressure_jump(fluid[i], fluid[j], tension, bend[i], bend[j])
             b = volume[fluid[i], fluid[j]]
             q = b * (there - here) / (density * l0) - force[i, 0] * dx - force[i, 1] * dy - force[i, 2] * dz
             if kind[j] == 0 and fluid[i] != fluid[j]:
