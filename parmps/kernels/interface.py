@@ -137,7 +137,8 @@ def image_links(position, kind, normal, depth, near, first, last, other, reach, 
 
     With the images, interfaces stand at right angles on walls, whatever the arrangement of the wall's particles. As
     an image is further than its original, all images within reach are those of neighbours, or of the particle itself.
-    In a corner, walls at right angles to each other mirror one after the other.
+    In a corner, walls at right angles to each other mirror one after the other. A wall mirrors what is before it:
+    beside a baffle's end, images would fall on their originals.
 
     Parameters
     ----------
@@ -187,7 +188,7 @@ def image_links(position, kind, normal, depth, near, first, last, other, reach, 
                 dz = position[j, 2] - position[i, 2]
                 r2 = dx * dx + dy * dy + dz * dz
                 above = -(dx * normal[j, 0] + dy * normal[j, 1] + dz * normal[j, 2]) - depth[j]
-                if r2 < least and above > 0.05 * reach:  # not in the plane of a baffle's end, beside it
+                if r2 < least and above > 0.05 * reach:
                     least, height = r2, above
                     n[:] = normal[j]
             if least == math.inf:
@@ -199,9 +200,11 @@ def image_links(position, kind, normal, depth, near, first, last, other, reach, 
                     dx, dy, dz = offset[k, 0], offset[k, 1], offset[k, 2]
                     original, made = index[k], image[k]
                 far = 2.0 * (height + dx * n[0] + dy * n[1] + dz * n[2])
+                if far < 0.1 * reach:
+                    continue
                 dx, dy, dz = dx - far * n[0], dy - far * n[1], dz - far * n[2]
                 r2 = dx * dx + dy * dy + dz * dz
-                if 0.0 < r2 < reach * reach:
+                if r2 < reach * reach:
                     index[count], image[count] = original, made | (1 << wall)
                     offset[count, 0], offset[count, 1], offset[count, 2] = dx, dy, dz
                     count += 1
