@@ -270,7 +270,8 @@ def limit_shifting(sim):
     """Shift particles along an interface by their own liquid's asymmetry alone, and hardly across it.
 
     With the other liquid's part, rows that slide along each other interlock: a drop of 10 rows, stretched by less
-    than a spacing, lagged behind its velocity by a tenth. Shifting across the interface as elsewhere slows and damps
+    than a spacing, lagged behind its velocity by a tenth. Where the normal is not certain, in jets, both liquids count.
+    Shifting across the interface as elsewhere slows and damps
     its waves; without any, particles gather in the rows beside it and leave a gap between them.
     """
     p, w, near = sim.particles, sim.work, sim.work.near_interface
@@ -281,6 +282,8 @@ def limit_shifting(sim):
     interface.asymmetry_across(
         p.position, p.kind, p.fluid, sim.liquids.sheet, *links, sim.lattice.density, sim.dimension, other
     )
-    steep2 = np.maximum(np.einsum("ij,ij->i", normal, normal), UNCERTAIN**2)
-    across = np.einsum("ij,ij->i", SHIFT_ACROSS * whole - (whole - other), normal) / steep2
-    w.asymmetry[slipping] = whole - other + across[:, None] * normal
+    steep2 = np.einsum("ij,ij->i", normal, normal)
+    bound = np.maximum(steep2, UNCERTAIN**2)
+    certain = (steep2 / bound)[:, None]
+    across = np.einsum("ij,ij->i", certain * other - (1.0 - SHIFT_ACROSS) * whole, normal) / bound
+    w.asymmetry[slipping] = whole - certain * other + across[:, None] * normal
