@@ -271,8 +271,8 @@ def limit_shifting(sim):
 
     With the other liquid's part, rows that slide along each other interlock: a drop of 10 rows, stretched by less
     than a spacing, lagged behind its velocity by a tenth. Where the normal is not certain, in jets, both liquids count.
-    Shifting across the interface as elsewhere slows and damps
-    its waves; without any, particles gather in the rows beside it and leave a gap between them.
+    Shifting across the interface as elsewhere slows and damps its waves; without any, particles gather in the rows
+    beside it and leave a gap between them.
     """
     p, w, near = sim.particles, sim.work, sim.work.near_interface
     slipping = near.slipping
