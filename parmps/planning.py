@@ -11,7 +11,7 @@ from parmps.kernels.weight import lattice
 from parmps.liquids import Liquids
 from parmps.motion import Motion
 from parmps.particles import FIELDS
-from parmps.simulation import HALO_MARGIN, IMPLICIT_GAIN, VISCOUS_STEP, WAVE_STEP, Work, wall_layers
+from parmps.simulation import CAPILLARY_STEP, HALO_MARGIN, IMPLICIT_GAIN, VISCOUS_STEP, WAVE_STEP, Work, wall_layers
 from parmps.stages import make_plan
 from parmps.tank import count_particles, standing_wave
 
@@ -225,7 +225,7 @@ def _depth(job):
 
 def _bound(job, spacing, force, speed):
     """Step and the bound that governs it; the bounds are those of `Simulation.choose_step`."""
-    control, viscosity = job.time, Liquids(job).viscous_rate
+    control, liquids = job.time, Liquids(job)
     bounds = [(job.output.probes_every, "output.probes_every")]
     if control.max_step is not None:
         bounds.append((control.max_step, "time.max_step"))
@@ -234,12 +234,15 @@ def _bound(job, spacing, force, speed):
     if force > 0.0:
         steady = job.scheme.steady_step
         bounds.append((steady * math.sqrt(spacing / force), f"body force: {steady:g} sqrt(l0/f)"))
+    if liquids.capillary_rate > 0.0:
+        step = CAPILLARY_STEP * math.sqrt(spacing**3 / liquids.capillary_rate)
+        bounds.append((step, "surface tension: sqrt((rho_1 + rho_2) l0^3 / (4 pi sigma))"))
     if force > 0.0 and job.scheme.position == "moved":
         wave = math.sqrt(force * _depth(job))
         bounds.append((WAVE_STEP * spacing / wave, f"explicit move: {WAVE_STEP:g} l0/sqrt(f h)"))
     plan = make_plan(job, 1)
     if any(stage.name == "viscosity" for stage in (*plan.solve, *plan.move)):
-        explicit = VISCOUS_STEP * spacing**2 / viscosity
+        explicit = VISCOUS_STEP * spacing**2 / liquids.viscous_rate
         if min(bounds)[0] <= IMPLICIT_GAIN * explicit:
             bounds.append((explicit, f"viscosity: {VISCOUS_STEP:g} l0^2/nu"))
     step, bound = min(bounds)

@@ -116,15 +116,17 @@ class VelocitySolver(_Solver):
     def __init__(self, comm):
         super().__init__(comm, "viscosity_", VISCOSITY_OPTIONS, VISCOUS_TOLERANCE)
 
-    def solve(self, blocks, velocity, axes):
+    def solve(self, blocks, density, velocity, axes):
         """Solve for the velocity, one component after the other.
 
         Parameters
         ----------
         blocks : Blocks
             The matrix.
+        density : (rows,) float64
+            Of the particles' liquids, as the matrix has it.
         velocity : (rows, 3) float64, m/s
-            The right-hand sides, replaced by the solutions.
+            Before the viscous step, replaced by that after it.
         axes : sequence of int
             Components to solve for.
 
@@ -135,7 +137,7 @@ class VelocitySolver(_Solver):
         """
         matrix = _wrap(self._comm, self._rows, blocks)
         for axis in axes:
-            if not self._run(matrix, matrix, velocity[:, axis], velocity[:, axis]):
+            if not self._run(matrix, matrix, density * velocity[:, axis], velocity[:, axis]):
                 self._fail("viscosity")
             velocity[:, axis] = self._x.array
         matrix.destroy()

@@ -395,11 +395,12 @@ def add_viscosity(sim):
             p.position, p.velocity, *walls, table, *operator, sim.dt, p.liquid, w.intermediate, sim.fluid
         )
         return
-    blocks = sim.blocks()
+    blocks, rho = sim.blocks(), sim.liquids.density / sim.liquids.reference
     viscosity.viscosity_rows(
-        p.position, *walls, sim.dt * table[0, 0], sim.column, *operator, *blocks.arrays
+        p.position, *walls, table, rho, sim.column, *operator, sim.dt, *blocks.arrays, sim.fluid
     )
-    sim.velocity_solver.solve(blocks, w.intermediate[: p.rows], (0, 1, 2) if sim.dimension == 3 else (0, 2))
+    axes = (0, 1, 2) if sim.dimension == 3 else (0, 2)
+    sim.velocity_solver.solve(blocks, rho[p.fluid[: p.rows]], w.intermediate[: p.rows], axes)
 
 
 def add_contacts(sim):

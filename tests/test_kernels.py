@@ -12,6 +12,7 @@ from parmps.kernels import density, gradient, poisson, shifting, velocity, visco
 from parmps.kernels.graph import join, number_parts
 from parmps.kernels.walls import Walls
 from parmps.kernels.weight import lattice, smooth_weight, weight
+from parmps.liquids import harmonic
 from parmps.loader import parse_job
 from parmps.neighbors import Pairs
 from parmps.particles import DUMMY, FLUID, OUT, WALL, Particles
@@ -509,29 +510,35 @@ def test_viscosity(dimension, noise):
     np.testing.assert_array_equal(out[n:], before[n:])
 
 
+@pytest.mark.parametrize("liquids", [1, 2])
 @on_all
-def test_implicit_viscosity_has_the_operator_of_the_explicit_one(dimension, noise):
+def test_implicit_viscosity_has_the_operator_of_the_explicit_one(dimension, noise, liquids):
     c = make_case(dimension, noise)
-    rows, n, diffusion = c.rows, c.p.liquid, 2e-4
+    rows, n, dt = c.rows, c.p.liquid, 2e-4
+    rho, dynamic = np.array([1.0, 1e-3])[:liquids], np.array([1.0, 1e-5])[:liquids]
+    nu = harmonic(dynamic) / rho[:, None]
+    fluid = None if liquids == 1 else (np.arange(len(c.p)) % 2).astype(np.int8)
+    own = rho[np.zeros(rows, int) if fluid is None else fluid[:rows]]
     column = np.full(len(c.p), -1, np.int32)
     column[:rows] = np.arange(rows)
     first, halo_first = np.zeros((2, rows + 1), np.int32)
     columns, halo_columns = np.zeros((2, len(c.lists[1]) + rows), np.int32)
     values, halo_values = np.zeros((2, len(columns)))
-    operator = (*c.wet, c.l0, c.lat.density, c.lat.lam, dimension)
+    operator = (*c.wet, c.l0, c.lat.density, c.lat.lam, dimension, dt)
     walls = (c.p.kind, c.p.normal, c.p.depth)
     viscosity.viscosity_rows(
-        c.p.position, *walls, diffusion, column, *operator, first, columns, values, halo_first, halo_columns,
-        halo_values,
+        c.p.position, *walls, nu, rho, column, *operator, first, columns, values, halo_first, halo_columns,
+        halo_values, fluid,
     )  # fmt: skip
     assert halo_first[-1] == 0
     count = first[-1]
     matrix = csr_matrix((values[:count], columns[:count], first), shape=(rows, rows)).toarray()
-    np.testing.assert_array_equal(matrix, matrix.T)
-    np.testing.assert_array_equal(matrix[n:, n:], np.eye(rows - n))
+    np.testing.assert_allclose(matrix, matrix.T, rtol=1e-14)
+    np.testing.assert_array_equal(matrix[n:, n:], np.diag(own[n:]))
     change = np.zeros_like(c.vector)
-    viscosity.add_viscosity(c.p.position, c.vector, *walls, np.full((1, 1), diffusion), *operator, 1.0, n, change)
-    np.testing.assert_allclose(matrix[:n, :n] @ c.vector[:n], c.vector[:n] - change[:n], rtol=1e-10, atol=1e-12)
+    viscosity.add_viscosity(c.p.position, c.vector, *walls, nu, *operator, n, change, fluid)
+    after = own[:n, None] * (c.vector[:n] - change[:n])
+    np.testing.assert_allclose(matrix[:n, :n] @ c.vector[:n], after, rtol=1e-10, atol=1e-12)
 
 
 @on_all

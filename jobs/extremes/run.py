@@ -1,9 +1,10 @@
 """Where the solver breaks: ``make extremes`` runs a matrix of short jobs, results in ``jobs/extremes/results.md``.
 
-A job survives when nothing is lost or not finite, no particle is beyond a wall, the energy is at most 2 % above what
-was supplied, the volume is held within 2 %, and no step is shorter than a thousandth of the one that the Courant
-number allows at the greatest speed the scene can supply. A job that cannot work must be refused before it runs. With
-names as arguments, only those cases run and nothing is written.
+A job survives when nothing is lost or not finite, no particle is beyond a wall, the energy, that of interfaces with
+surface tension included, is at most 2 % above what was supplied, the volume is held within 2 %, and no step is shorter
+than a thousandth of the one that the Courant number allows at the greatest speed the scene can supply. A job that
+cannot work must be refused before it runs. With names as arguments, only those cases run and nothing is written; with
+``--group``, one group of cases and its part of the results.
 """
 
 import argparse
@@ -72,6 +73,9 @@ motion: [{kind: pitch, amplitude_deg: 20, omega: 6.0}]
 time: {end: 0.4, cfl: 0.4}
 """
 
+SHAKING, SETTLING = 2.0, 6.0
+"""Duration of the motion that emulsifies layers, and of the rest after it, s."""
+
 SHAPES = {
     "sphere": "shape: sphere, size: [0.5, 0.5, 0.5]",
     "cylinder": "shape: cylinder, size: [0.6, 0.45, 0.45]",
@@ -92,6 +96,17 @@ motion: [{kind: pitch, amplitude_deg: 15, omega: 6.0}, {kind: sway, amplitude: 0
 time: {end: 1.0, cfl: 0.4}
 """
 """Tanks of other shapes, and with other baffles than a plate."""
+
+
+LAYERS = """
+dimension: 2
+spacing: 0.01
+tank: {size: [0.4, 0.3]}
+fluids: [{name: lower, depth: 0.1, density: 1000}, {name: upper, depth: 0.1, density: %g}]
+interfaces: [{between: [lower, upper], surface_tension: 0.05}]
+motion: [{kind: surge, amplitude: 0.02, omega: 8.0}]
+time: {end: 0.5, cfl: 0.4}
+"""
 
 
 class Case(NamedTuple):
@@ -153,6 +168,10 @@ def write_states(directory):
     write("outside", part(pool), (np.array([[0.45, 0.1]]), np.zeros((1, 2))))
     flying = np.array([[0.05, 0.1], [0.35, 0.1], [0.2, 0.25], [0.1, 0.2]])
     write("flying", (flying, np.array([[3.0, 1.0], [-3.0, 1.0], [0.0, -5.0], [20.0, 7.0]])))
+    time = np.arange(0.0, SHAKING + SETTLING + 0.1, 0.01)
+    shaking = np.where(time < SHAKING, 0.05 * np.sin(np.pi * time / SHAKING) * np.sin(18.0 * time), 0.0)
+    columns = np.stack([time, shaking], axis=1)
+    np.savetxt(directory / "shaking.csv", columns, delimiter=",", header="time [s],surge [m]", comments="")
     (directory / "turning.csv").write_text(
         "time [s],roll [deg]\n" + "".join(f"{0.1 * n},{36.0 * n}\n" for n in range(12))
     )
@@ -262,6 +281,61 @@ def cases():
     ]  # fmt: skip
 
 
+def layered_cases():
+    """Several liquids.
+
+    Returns
+    -------
+    list of Case
+    """
+    both, still, light = (1, 3), "motion=[]", LAYERS % 800
+    full = ("fluids[0].depth=0.15", "fluids[1].depth=0.15", still)
+    viscous = [(1e-6, 1.0), (1.0, 1e-6), (1e-4, 100.0)]
+    layers = ", ".join(f"{{name: layer {n}, depth: 0.02, density: {1000 - 50 * n}}}" for n in range(10))
+    thin = "fluids=[{name: a, depth: 0.1}, {name: b, depth: %g, density: 900}, {name: c, depth: 0.1, density: 800}]"
+    tip = "tank.baffles=[{x: 0.2, bottom: 0, top: %g, thickness: 0.02}]"
+    settling = (
+        "motion=[{kind: file, path: shaking.csv}]", f"time.end={SHAKING + SETTLING}", "fluids[0].depth=0.08",
+        "fluids[1].depth=0.08",
+    )  # fmt: skip
+    return [
+        *[Case(f"density ratio {r:g}, stable", LAYERS % (1000 / r), (), both) for r in (1.001, 10, 1e3, 1e4)],
+        *[Case(f"density ratio {r:g}, inverted", LAYERS % (1000 * r), (still,)) for r in (2, 10)],
+        *[
+            Case(f"density ratio {r:g}, inverted, full tank", LAYERS % 1000, (f"fluids[0].density={1000 / r}", *full),
+                 both)
+            for r in (10, 1e3, 1e4)
+        ],
+        *[
+            Case(f"kinematic viscosity {a:g} below {b:g}", light,
+                 (f"fluids[0].kinematic_viscosity={a}", f"fluids[1].kinematic_viscosity={b}"), both)
+            for a, b in viscous
+        ],
+        Case("viscosity ratio 1e6 and density ratio 1e3", LAYERS % 1,
+             ("fluids[0].kinematic_viscosity=1", "fluids[1].kinematic_viscosity=1e-3")),
+        *[
+            Case(f"surface tension {sigma:g}", light, (f"interfaces[0].surface_tension={sigma}",), both)
+            for sigma in (0, 1, 100)
+        ],
+        Case("surface tension 100, density ratio 1000", LAYERS % 1, ("interfaces[0].surface_tension=100",)),
+        Case("surface tension 100, a square drop without gravity", LAYERS % 1000, (
+            "gravity=0", still, "interfaces[0].surface_tension=100", "time.end=0.1", "spacing=0.005",
+            "fluids=[{name: lower, region: {box: [[0.1, 0.05], [0.3, 0.25]]}}, {name: upper, depth: 0.3}]",
+        )),
+        Case("surface tension above the range: 200", light, ("interfaces[0].surface_tension=200",)),
+        *[Case(f"layer of {n} rows between two", light, (thin % (0.01 * n), "interfaces=[]"), both) for n in (1, 2, 3)],
+        Case("layer of 1 row on top", light, ("fluids[1].depth=0.01",), both),
+        Case("ten layers of two rows", light, (f"fluids=[{layers}]", "interfaces=[]"), both),
+        *[Case(f"baffle tip {what} an interface", light, (tip % top,), both)
+          for what, top in (("at", 0.1), ("a row below", 0.09), ("half a row above", 0.105))],
+        Case("shaken and settled, ratio 1.25", light, settling, both),
+        Case("shaken and settled, ratio 1000", LAYERS % 1, settling),
+    ]  # fmt: skip
+
+
+GROUPS = {"One liquid": cases, "Several liquids": layered_cases}
+
+
 def attempt(case, directory):
     """Run one case on the ranks of this process.
 
@@ -295,24 +369,42 @@ def judge(sim, settled):
     end, worst, fault = sim.job.time.end, {"energy": -math.inf, "volume": 0.0, "beyond": 0.0}, None
     shortest, most = math.inf, STEPS.get(sim.domain.size, FEWEST)
     allowed = sim.job.courant * sim.l0 / max(supplied_speed(sim), 1e-300)
+    surface = None
     while sim.time < end and sim.step_number < most and fault is None:
         sim.step(end)
+        surface = surface_energy(sim) if surface is None else surface
         last = sim.time >= end or sim.step_number >= most
         if sim.time < end:  # the last step ends where the job does
             shortest = min(shortest, sim.dt / allowed)
         if last or sim.step_number % LOOK_EVERY == 0:
-            fault = look(sim, worst, sim.time >= settled)
+            fault = look(sim, worst, sim.time >= settled, surface)
     if fault is None and shortest < SHORTEST:
         fault = f"a step of {shortest:.1g} of the Courant number's"
     figures = (
         f"{sim.totals['fluid']} particles, {sim.step_number} steps, energy {worst['energy']:+.1%}, "
         f"volume {worst['volume']:+.1%}"
     )
+    if sim.liquids.sheet is not None:
+        strayed = sim.work.near_interface.fraction[: sim.particles.liquid] < 0.5
+        figures += f", strayed {sim.domain.sum(float(np.count_nonzero(strayed))) / sim.totals['fluid']:.1%} at the end"
     return ("survived", figures) if fault is None else ("failed", f"{fault} at {sim.time:.3g} s; {figures}")
 
 
-def look(sim, worst, settled):
-    """Find a fault in the present state, or None; the volume counts where it has settled."""
+def surface_energy(sim):
+    """Energy of the interfaces, J (J/m in 2D): the tension times their area, the integral of the colour's slope."""
+    if sim.liquids.tension is None:
+        return 0.0
+    slope = np.linalg.norm(sim.work.near_interface.normal[: sim.particles.liquid], axis=1)
+    area = sim.domain.sum(float(slope.sum())) * sim.l0 ** (sim.dimension - 1)
+    return float(sim.liquids.tension.max()) * area
+
+
+def look(sim, worst, settled, surface):
+    """Find a fault in the present state, or None.
+
+    The volume counts where it has settled; what the interfaces lose of their energy at the start, ``surface``, is
+    supplied.
+    """
     p, g = sim.particles, sim.geometry
     liquid = p.kind[: p.liquid] == FLUID
     arrays = p.position[: p.liquid], p.velocity[: p.liquid], p.pressure[: p.rows]
@@ -324,7 +416,9 @@ def look(sim, worst, settled):
     gaps = [wall_distance(*at, g.walls)[0] for at in p.position[: p.liquid][liquid]]
     if sim.domain.min(float(min(gaps, default=0.0))) < -1e-9 * sim.l0:
         return "a particle beyond a wall"
-    worst["energy"] = max(worst["energy"], sim.energy_drift())
+    drift, scale = sim.energy_drift(), sim.energy_scale + sim.largest_kinetic
+    drift = (drift * scale + surface_energy(sim) - surface) / max(scale + surface, 1e-300)
+    worst["energy"] = max(worst["energy"], drift)
     # in spray there is no inside, where alone the volume is measured
     inside = sim.domain.sum(float(np.count_nonzero(smooth_density(sim)[1])))
     volume = sim.volume_drift() if settled and inside > INSIDE * sim.totals["fluid"] else 0.0
@@ -369,15 +463,25 @@ def main():
     """Run the matrix, or with --part one case in the processes of mpirun."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", help="cases to run; all if none is given")
+    parser.add_argument("--group", choices=GROUPS, help="the group of cases to run; all by default")
     parser.add_argument("--part", metavar="DIRECTORY", help=argparse.SUPPRESS)
     options = parser.parse_args()
-    matrix = [case for case in cases() if not options.names or case.name in options.names]
+    failed = 0
+    for group, make in GROUPS.items():
+        matrix = [case for case in make() if not options.names or case.name in options.names]
+        if options.group in (None, group) and matrix:
+            failed += run_group(group, matrix, options)
+    sys.exit(failed > 0)
+
+
+def run_group(group, matrix, options):
+    """Run cases of a group, and write its part of the results if these are all; how many runs failed."""
     if options.part:
         for case in matrix:
             verdict = attempt(case, options.part)
             if Domain().rank == 0:
                 print(VERDICT + json.dumps(verdict), flush=True)
-        return
+        return 0
     rows = []
     with tempfile.TemporaryDirectory() as directory:
         write_states(Path(directory))
@@ -395,20 +499,23 @@ def main():
     total = f"{len(rows)} runs: " + ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
     print(total)
     if not options.names:
-        write_results(rows, total)
-    sys.exit(counts["failed"] > 0)
+        write_results(group, rows, total)
+    return counts["failed"]
 
 
-def write_results(rows, total):
-    """Write the table, with what made it."""
-    lines = [
-        f"{total}.", "",
+def write_results(group, rows, total):
+    """Write the table of a group, with what made it, and keep those of the others."""
+    path = ROOT / "jobs" / "extremes" / "results.md"
+    before = path.read_text().split("## ")[1:] if path.is_file() else []
+    parts = {part.splitlines()[0]: "## " + part.strip() for part in before}
+    parts[group] = "\n".join([
+        f"## {group}", "", f"{total}.", "",
         f"`make extremes` at {provenance()}. What survived means is said in `run.py`; energy and volume are the worst "
         "of the run.",
         "", "| case | ranks | result | |", "|---|---|---|---|",
         *(f"| {name} | {ranks} | {verdict} | {why} |" for name, ranks, verdict, why in rows),
-    ]  # fmt: skip
-    (ROOT / "jobs" / "extremes" / "results.md").write_text("\n".join(lines) + "\n")
+    ])  # fmt: skip
+    path.write_text("\n\n".join(["# Extremes", *(parts[name] for name in GROUPS if name in parts)]) + "\n")
 
 
 if __name__ == "__main__":

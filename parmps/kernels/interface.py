@@ -137,7 +137,8 @@ def image_links(position, kind, normal, depth, near, first, last, other, reach, 
 
     With the images, interfaces stand at right angles on walls, whatever the arrangement of the wall's particles. As
     an image is further than its original, all images within reach are those of neighbours, or of the particle itself.
-    In a corner, walls at right angles to each other mirror one after the other.
+    In a corner, walls at right angles to each other mirror one after the other. A wall mirrors what is before it:
+    beside a baffle's end, images would fall on their originals.
 
     Parameters
     ----------
@@ -186,10 +187,10 @@ def image_links(position, kind, normal, depth, near, first, last, other, reach, 
                 dy = position[j, 1] - position[i, 1]
                 dz = position[j, 2] - position[i, 2]
                 r2 = dx * dx + dy * dy + dz * dz
-                if r2 < least:
-                    least = r2
+                above = -(dx * normal[j, 0] + dy * normal[j, 1] + dz * normal[j, 2]) - depth[j]
+                if r2 < least and above > 0.05 * reach:
+                    least, height = r2, above
                     n[:] = normal[j]
-                    height = -(dx * n[0] + dy * n[1] + dz * n[2]) - depth[j]
             if least == math.inf:
                 break
             for k in range(begin[a] - 1, count):
@@ -199,9 +200,11 @@ def image_links(position, kind, normal, depth, near, first, last, other, reach, 
                     dx, dy, dz = offset[k, 0], offset[k, 1], offset[k, 2]
                     original, made = index[k], image[k]
                 far = 2.0 * (height + dx * n[0] + dy * n[1] + dz * n[2])
+                if far < 0.1 * reach:
+                    continue
                 dx, dy, dz = dx - far * n[0], dy - far * n[1], dz - far * n[2]
                 r2 = dx * dx + dy * dy + dz * dz
-                if 0.0 < r2 < reach * reach:
+                if r2 < reach * reach:
                     index[count], image[count] = original, made | (1 << wall)
                     offset[count, 0], offset[count, 1], offset[count, 2] = dx, dy, dz
                     count += 1
@@ -612,6 +615,29 @@ def pressure_gradient(
         matrix[a, 0], matrix[a, 1], matrix[a, 2] = xx, xy, xz
         matrix[a, 3], matrix[a, 4], matrix[a, 5] = yy, yz, zz
         sums[a, 0], sums[a, 1], sums[a, 2] = gx, gy, gz
+
+
+@compiled
+def asymmetry_across(position, kind, fluid, sheet, near, first, last, other, strength, n0, dimension, out):
+    """Part of the asymmetry, as in `moments`, that the neighbours in other liquids make.
+
+    Parameters
+    ----------
+    position, kind, fluid, sheet, near, first, last, other, strength, n0, dimension
+        As in `own_moments`.
+    out : (m, 3) float64
+        Filled.
+    """
+    scale = dimension / n0
+    for a in range(near.shape[0]):
+        i = near[a]
+        out[a] = 0.0
+        for k in range(first[i], last[i]):
+            j = other[k]
+            if kind[j] != 0 or not sheet[fluid[i], fluid[j]]:
+                continue
+            d = position[j] - position[i]
+            out[a] -= scale * strength[k] * _length(d) * d
 
 
 @compiled

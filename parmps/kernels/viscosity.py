@@ -19,6 +19,14 @@ def _link(i, j, k, position, kind, normal, depth, strength, l0):
     return w
 
 
+@njit(inline="always")
+def _between(i, j, kind, viscosity, fluid):
+    """Kinematic viscosity of fluid particle i in its interaction with j: its own one at a wall."""
+    if fluid is None:
+        return viscosity[0, 0]
+    return viscosity[fluid[i], fluid[j] if kind[j] == 0 else fluid[i]]
+
+
 @compiled
 def add_viscosity(
     position,
@@ -76,12 +84,7 @@ def add_viscosity(
         for k in range(first[i], last[i]):
             j = other[k]
             w = scale * _link(i, j, k, position, kind, normal, depth, strength, l0)
-            if fluid is None:
-                w *= viscosity[0, 0]
-            elif kind[j] == 0:
-                w *= viscosity[fluid[i], fluid[j]]
-            else:
-                w *= viscosity[fluid[i], fluid[i]]
+            w *= _between(i, j, kind, viscosity, fluid)
             if kind[j] == 0:
                 ax += w * (velocity[j, 0] - velocity[i, 0])
                 ay += w * (velocity[j, 1] - velocity[i, 1])
@@ -101,7 +104,8 @@ def viscosity_rows(
     kind,
     normal,
     depth,
-    diffusion,
+    viscosity,
+    density,
     column,
     first,
     last,
@@ -111,41 +115,46 @@ def viscosity_rows(
     n0,
     lam,
     dimension,
+    dt,
     row_first,
     columns,
     values,
     halo_first,
     halo_columns,
     halo_values,
+    fluid=None,
 ):
-    """Assemble I - dt nu lap with the operator of `add_viscosity`: symmetric, and no slip in the diagonal.
+    """Assemble rho (I - dt nu lap) with the operator of `add_viscosity`: symmetric, and no slip in the diagonal.
 
-    Walls are no unknowns; their rows, and those of particles out of the tank, are the identity.
+    The density makes the rows of two liquids symmetric, since rho_i nu_ij is their dynamic viscosity. Walls are no
+    unknowns; their rows, and those of particles out of the tank, have the diagonal alone.
 
     Parameters
     ----------
-    position, kind, normal, depth, first, last, other, strength, l0, n0, lam, dimension
+    position, kind, normal, depth, viscosity, first, last, other, strength, l0, n0, lam, dimension, dt, fluid
         As in `add_viscosity`.
-    diffusion : float
-        dt nu, m2.
+    density : (liquids,) float64
+        In any unit.
     column : (n,) int32
         Global row number of each particle, -1 for none.
     row_first, columns, values, halo_first, halo_columns, halo_values
         Filled: the matrix in two blocks, as by `poisson_rows`.
     """
-    scale = diffusion * 2.0 * dimension / (n0 * lam * l0 * l0)
+    scale = dt * 2.0 * dimension / (n0 * lam * l0 * l0)
     rows = row_first.shape[0] - 1
     count = beyond = 0
     row_first[0] = halo_first[0] = 0
     for i in range(rows):
-        diagonal = 1.0
+        own = density[0] if fluid is None else density[fluid[i]]
+        diagonal = own
         at_diagonal = count
         count += 1
         for k in range(first[i], last[i] if kind[i] == 0 else first[i]):
             if strength[k] == 0.0:
                 continue
             j = other[k]
-            w = scale * _link(i, j, k, position, kind, normal, depth, strength, l0)
+            w = own * scale * _link(i, j, k, position, kind, normal, depth, strength, l0)
+            w *= _between(i, j, kind, viscosity, fluid)
             diagonal += w
             if kind[j] != 0:
                 continue
