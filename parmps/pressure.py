@@ -81,12 +81,13 @@ class _Solver:
         self._ksp.setFromOptions()
         self._x = PETSc.Vec().createMPI((rows, None), comm=self._comm)
         self._b = self._x.duplicate()
+        self._matrix = PETSc.Mat().create(self._comm)
 
-    def _run(self, matrix, model, rhs, guess):
-        """Solve with a matrix, and the one that the preconditioner is made of; whether it converged."""
+    def _run(self, model, rhs, guess):
+        """Solve with the matrix, and the one that the preconditioner is made of; whether it converged."""
         self._x.array[:] = guess
         self._b.array[:] = rhs
-        self._ksp.setOperators(matrix, model)
+        self._ksp.setOperators(self._matrix, model)
         self._ksp.solve(self._b, self._x)
         self.iterations = self._ksp.getIterationNumber()
         return self._ksp.getConvergedReason() > 0
@@ -100,7 +101,7 @@ class _Solver:
     def close(self):
         """Free PETSc's objects, which no garbage collector does in time."""
         if self._ksp is not None:
-            for thing in (self._ksp, self._x, self._b):
+            for thing in (self._ksp, self._x, self._b, self._matrix):
                 thing.destroy()
             self._ksp = None
 
@@ -133,12 +134,11 @@ class VelocitySolver(_Solver):
         DivergedError
             On all ranks, with PETSc's reason.
         """
-        matrix = _wrap(self._comm, self._rows, blocks)
+        _fill(self._matrix, self._rows, blocks)
         for axis in axes:
-            if not self._run(matrix, matrix, velocity[:, axis], velocity[:, axis]):
+            if not self._run(self._matrix, velocity[:, axis], velocity[:, axis]):
                 self._fail("viscosity")
             velocity[:, axis] = self._x.array
-        matrix.destroy()
 
 
 class PressureSolver(_Solver):
@@ -163,7 +163,7 @@ class PressureSolver(_Solver):
     def __init__(self, comm, tolerance, excess):
         super().__init__(comm, "ppe_", PRESSURE_OPTIONS, tolerance)
         self._most_excess = excess
-        self._matrix = self._model = None
+        self._model = None
         self.rebuilds = 0
         self._fresh = None
         self._excess = 0
@@ -193,21 +193,18 @@ class PressureSolver(_Solver):
         DivergedError
             On all ranks, with PETSc's reason.
         """
-        old = self._matrix
-        self._matrix = _wrap(self._comm, self._rows, blocks)
+        _fill(self._matrix, self._rows, blocks)
         if self._fresh is None or self._excess >= self._most_excess:
             self._renew(blocks)
         # The preconditioned residual is nearly the error: it falls to a share of the last pressure, or, where
         # that says nothing, of what it was at first. PETSc's own measure costs one more cycle of multigrid.
         self._x.array[:] = guess
         self._ksp.setTolerances(atol=self._tolerance * self._x.norm())
-        converged = self._run(self._matrix, self._model, rhs, guess)
+        converged = self._run(self._model, rhs, guess)
         if not converged and self._fresh is not None:
             # The hierarchy may have aged too fast to notice: try once more with a new one.
             self._renew(blocks)
-            converged = self._run(self._matrix, self._model, rhs, guess)
-        if old is not None:
-            old.destroy()
+            converged = self._run(self._model, rhs, guess)
         if not converged:
             self._fail("pressure")
         if self._fresh is None:
@@ -216,13 +213,22 @@ class PressureSolver(_Solver):
         return self._x.array.copy()
 
     def _renew(self, blocks):
-        """Set the hierarchy up from a copy of the present matrix, which lives as long as the hierarchy."""
+        """Set the hierarchy up from a copy of the present matrix, which lives as long as the hierarchy.
+
+        The finest level is of each step's matrix: what no longer fits the particles is smooth.
+        """
         old, self._model_blocks = self._model, blocks.sorted()
-        self._model = _wrap(self._comm, self._rows, self._model_blocks)
+        self._model = PETSc.Mat().create(self._comm)
+        _fill(self._model, self._rows, self._model_blocks)
         for _ in range(self.rebuilds + 1):
             self._model.stateIncrease()  # else PETSc takes the copy, as young as the last one, for the last one
         self._ksp.setOperators(self._model, self._model)
         self._ksp.setUp()
+        pc = self._ksp.getPC()
+        finest = pc.getMGLevels() - 1 if pc.getType() == "gamg" else 0
+        if finest > 0:
+            pc.getMGSmoother(finest).setOperators(self._matrix, self._matrix)
+            _check(_LIBRARY.PCMGSetResidual(_pointer(pc.handle), finest, None, _pointer(self._matrix.handle)))
         if old is not None:
             old.destroy()
         self._fresh, self._excess = None, 0
@@ -246,12 +252,11 @@ class PressureSolver(_Solver):
         return (PETSc.Log.getTime() - start) / repeats
 
     def close(self):
-        """As of every solver; with its matrices."""
+        """As of every solver; with the copy of the matrix."""
         super().close()
-        for matrix in (self._matrix, self._model):
-            if matrix is not None:
-                matrix.destroy()
-        self._matrix = self._model = None
+        if self._model is not None:
+            self._model.destroy()
+            self._model = None
 
 
 _REASONS = {
@@ -319,26 +324,29 @@ class Blocks:
         return self.first, self.columns, self.values, self.halo_first, self.halo_columns, self.halo_values
 
 
-_LIBRARY = ctypes.CDLL(PETSc.__file__)  # petsc4py has no name for these two functions of PETSc
+_LIBRARY = ctypes.CDLL(PETSc.__file__)  # petsc4py has no name for these functions of PETSc
+_pointer = ctypes.c_void_p
 
 
-def _wrap(comm, rows, blocks):
-    """Make a matrix of the arrays themselves (MatCreateMPIAIJWithSplitArrays)."""
-    matrix = PETSc.Mat().create(comm)
+def _check(status):
+    if status:
+        raise PETSc.Error(status)
+
+
+def _fill(matrix, rows, blocks):
+    """Make a matrix of the arrays themselves (MatCreateMPIAIJWithSplitArrays), in the place of what it was."""
+    comm = matrix.comm
     raw = ctypes.c_void_p()
     size = ctypes.c_int if blocks.first.itemsize == 4 else ctypes.c_int64
     # PETSc numbers the columns of the halo anew, in place
     blocks.renumbered = blocks.halo_columns[: blocks.halo_first[-1] + 1].copy()
     first, columns, values, halo_first, _, halo_values = blocks.arrays
     arrays = (first, columns, values, halo_first, blocks.renumbered, halo_values)
-    arrays = [a.ctypes.data_as(ctypes.c_void_p) for a in arrays]
+    arrays = [a.ctypes.data_as(_pointer) for a in arrays]
     sizes = [size(rows), size(rows), size(PETSc.DETERMINE), size(PETSc.DETERMINE)]
-    status = _LIBRARY.MatCreateMPIAIJWithSplitArrays(_handle(comm), *sizes, *arrays, ctypes.byref(raw))
-    status = status or _LIBRARY.MatHeaderReplace(ctypes.c_void_p(matrix.handle), ctypes.byref(raw))
-    if status:
-        raise PETSc.Error(status)
+    _check(_LIBRARY.MatCreateMPIAIJWithSplitArrays(_handle(comm), *sizes, *arrays, ctypes.byref(raw)))
+    _check(_LIBRARY.MatHeaderReplace(_pointer(matrix.handle), ctypes.byref(raw)))
     matrix.setOption(PETSc.Mat.Option.SPD, True)
-    return matrix
 
 
 def _handle(comm):
