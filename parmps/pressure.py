@@ -12,8 +12,9 @@ import petsc4py
 from mpi4py import MPI  # for the handle of the communicator alone
 
 # Signals are Python's: PETSc would end the run at SIGTERM, and print of an inner error where a pipe is closed.
+# It need not look for rows with equal columns (inodes), either, in every step: there are none.
 given = sys.argv[1:] if any(a.startswith(("-ppe_", "-viscosity_")) for a in sys.argv) else []
-petsc4py.init([sys.argv[0], "-no_signal_handler", "true", *given])
+petsc4py.init([sys.argv[0], "-no_signal_handler", "true", "-mat_no_inode", "true", *given])
 from petsc4py import PETSc  # noqa: E402
 
 from parmps.errors import DivergedError  # noqa: E402
@@ -29,6 +30,7 @@ PRESSURE_OPTIONS = {
     "ksp_converged_use_initial_residual_norm": True,
     "pc_type": "gamg",
     "pc_gamg_threshold": 0.0,
+    "pc_gamg_coarse_eq_limit": 600,  # fewer levels, that is messages, and a factorisation that still costs nothing
     "mg_levels_ksp_max_it": 1,
     "mg_levels_pc_type": "jacobi",
     "mg_coarse_sub_pc_factor_shift_type": "nonzero",
