@@ -5,6 +5,7 @@ the pressure and ``-viscosity_`` for the velocity.
 """
 
 import ctypes
+import math
 import sys
 
 import numpy as np
@@ -27,7 +28,7 @@ tighter tolerance than the pressure's costs little."""
 PRESSURE_OPTIONS = {
     "ksp_type": "cg",
     "ksp_max_it": 500,
-    "ksp_converged_use_initial_residual_norm": True,
+    "ksp_norm_type": "unpreconditioned",
     "pc_type": "gamg",
     "pc_gamg_threshold": 0.0,
     "pc_gamg_coarse_eq_limit": 600,  # fewer levels, that is messages, and a factorisation that still costs nothing
@@ -150,7 +151,7 @@ class PressureSolver(_Solver):
     ----------
     comm : mpi4py.MPI.Comm
     tolerance : float
-        Of the residual relative to the right-hand side.
+        Of the estimated error relative to the last pressure, or, where that says nothing, to the error at first.
     excess : float
         Iterations beyond those of a fresh multigrid hierarchy, summed over solves, that pay for a new one.
 
@@ -165,7 +166,7 @@ class PressureSolver(_Solver):
     def __init__(self, comm, tolerance, excess):
         super().__init__(comm, "ppe_", PRESSURE_OPTIONS, tolerance)
         self._most_excess = excess
-        self._model = None
+        self._guess = self._change = self._model = None
         self.rebuilds = 0
         self._fresh = None
         self._excess = 0
@@ -173,7 +174,27 @@ class PressureSolver(_Solver):
     def new_layout(self, rows):
         """As of every solver; the multigrid hierarchy is forgotten too."""
         super().new_layout(rows)
+        self._guess, self._change = self._x.duplicate(), self._x.duplicate()
+        self._ksp.setConvergenceTest(self._judge)
         self._fresh = None
+
+    def _judge(self, ksp, iteration, residual):
+        """Whether the error is small enough.
+
+        The first change of the pressure is nearly the error that there was, which then falls as the residual does.
+        The preconditioned residual tells no more, and costs a cycle of multigrid that nothing uses.
+        """
+        reasons = PETSc.KSP.ConvergedReason
+        if not math.isfinite(residual):
+            return reasons.DIVERGED_NANORINF
+        if iteration == 0:
+            self._first = residual
+            return reasons.CONVERGED_ATOL if residual == 0.0 else reasons.CONVERGED_ITERATING
+        if iteration == 1:
+            self._change.waxpy(-1.0, self._guess, self._x)
+            change = max(self._change.norm(), 1e-300)
+            self._enough = self._tolerance * self._first * max(self._guess.norm() / change, 1.0)
+        return reasons.CONVERGED_ATOL if residual <= self._enough else reasons.CONVERGED_ITERATING
 
     def solve(self, blocks, rhs, guess):
         """Solve for the pressure.
@@ -196,12 +217,9 @@ class PressureSolver(_Solver):
             On all ranks, with PETSc's reason.
         """
         _fill(self._matrix, self._rows, blocks)
+        self._guess.array[:] = guess
         if self._fresh is None or self._excess >= self._most_excess:
             self._renew(blocks)
-        # The preconditioned residual is nearly the error: it falls to a share of the last pressure, or, where
-        # that says nothing, of what it was at first. PETSc's own measure costs one more cycle of multigrid.
-        self._x.array[:] = guess
-        self._ksp.setTolerances(atol=self._tolerance * self._x.norm())
         converged = self._run(self._model, rhs, guess)
         if not converged and self._fresh is not None:
             # The hierarchy may have aged too fast to notice: try once more with a new one.
@@ -256,9 +274,10 @@ class PressureSolver(_Solver):
     def close(self):
         """As of every solver; with the copy of the matrix."""
         super().close()
-        if self._model is not None:
-            self._model.destroy()
-            self._model = None
+        for thing in (self._guess, self._change, self._model):
+            if thing is not None:
+                thing.destroy()
+        self._guess = self._change = self._model = None
 
 
 _REASONS = {
