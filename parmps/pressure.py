@@ -75,7 +75,6 @@ class _Solver:
             Number of rows of this rank.
         """
         self.close()
-        self._rows = rows
         self._ksp = PETSc.KSP().create(self._comm)
         self._ksp.setOptionsPrefix(self._prefix)
         # the guess may be far from the solution: a few particles in flight, after an impact
@@ -137,7 +136,7 @@ class VelocitySolver(_Solver):
         DivergedError
             On all ranks, with PETSc's reason.
         """
-        _fill(self._matrix, self._rows, blocks)
+        _fill(self._matrix, self._x.getSizes(), blocks)
         for axis in axes:
             if not self._run(self._matrix, velocity[:, axis], velocity[:, axis]):
                 self._fail("viscosity")
@@ -216,7 +215,7 @@ class PressureSolver(_Solver):
         DivergedError
             On all ranks, with PETSc's reason.
         """
-        _fill(self._matrix, self._rows, blocks)
+        _fill(self._matrix, self._x.getSizes(), blocks)
         self._guess.array[:] = guess
         if self._fresh is None or self._excess >= self._most_excess:
             self._renew(blocks)
@@ -239,7 +238,7 @@ class PressureSolver(_Solver):
         """
         old, self._model_blocks = self._model, blocks.sorted()
         self._model = PETSc.Mat().create(self._comm)
-        _fill(self._model, self._rows, self._model_blocks)
+        _fill(self._model, self._x.getSizes(), self._model_blocks)
         for _ in range(self.rebuilds + 1):
             self._model.stateIncrease()  # else PETSc takes the copy, as young as the last one, for the last one
         self._ksp.setOperators(self._model, self._model)
@@ -355,7 +354,10 @@ def _check(status):
 
 
 def _fill(matrix, rows, blocks):
-    """Make a matrix of the arrays themselves (MatCreateMPIAIJWithSplitArrays), in the place of what it was."""
+    """Make a matrix of the arrays themselves (MatCreateMPIAIJWithSplitArrays), in the place of what it was.
+
+    ``rows`` are those of this rank and of all, which PETSc would add up in every step.
+    """
     comm = matrix.comm
     raw = ctypes.c_void_p()
     size = ctypes.c_int if blocks.first.itemsize == 4 else ctypes.c_int64
@@ -364,8 +366,8 @@ def _fill(matrix, rows, blocks):
     first, columns, values, halo_first, _, halo_values = blocks.arrays
     arrays = (first, columns, values, halo_first, blocks.renumbered, halo_values)
     arrays = [a.ctypes.data_as(_pointer) for a in arrays]
-    sizes = [size(rows), size(rows), size(PETSc.DETERMINE), size(PETSc.DETERMINE)]
-    _check(_LIBRARY.MatCreateMPIAIJWithSplitArrays(_handle(comm), *sizes, *arrays, ctypes.byref(raw)))
+    own, total = map(size, rows)
+    _check(_LIBRARY.MatCreateMPIAIJWithSplitArrays(_handle(comm), own, own, total, total, *arrays, ctypes.byref(raw)))
     _check(_LIBRARY.MatHeaderReplace(_pointer(matrix.handle), ctypes.byref(raw)))
     matrix.setOption(PETSc.Mat.Option.SPD, True)
 
@@ -374,4 +376,4 @@ def _handle(comm):
     """The communicator as C passes it: a pointer with Open MPI, an int with MPICH."""
     mpi = comm.tompi4py()
     kind = ctypes.c_int if MPI._sizeof(mpi) == 4 else ctypes.c_void_p
-    return kind.from_address(MPI._addressof(mpi))
+    return kind(kind.from_address(MPI._addressof(mpi)).value)  # a copy: the object ends here
