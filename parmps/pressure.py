@@ -5,6 +5,7 @@ the pressure and ``-viscosity_`` for the velocity.
 """
 
 import ctypes
+import math
 import sys
 
 import numpy as np
@@ -12,8 +13,9 @@ import petsc4py
 from mpi4py import MPI  # for the handle of the communicator alone
 
 # Signals are Python's: PETSc would end the run at SIGTERM, and print of an inner error where a pipe is closed.
+# It need not look for rows with equal columns (inodes), either, in every step: there are none.
 given = sys.argv[1:] if any(a.startswith(("-ppe_", "-viscosity_")) for a in sys.argv) else []
-petsc4py.init([sys.argv[0], "-no_signal_handler", "true", *given])
+petsc4py.init([sys.argv[0], "-no_signal_handler", "true", "-mat_no_inode", "true", *given])
 from petsc4py import PETSc  # noqa: E402
 
 from parmps.errors import DivergedError  # noqa: E402
@@ -26,9 +28,10 @@ tighter tolerance than the pressure's costs little."""
 PRESSURE_OPTIONS = {
     "ksp_type": "cg",
     "ksp_max_it": 500,
-    "ksp_converged_use_initial_residual_norm": True,
+    "ksp_norm_type": "unpreconditioned",
     "pc_type": "gamg",
     "pc_gamg_threshold": 0.0,
+    "pc_gamg_coarse_eq_limit": 600,  # fewer levels, that is messages, and a factorisation that still costs nothing
     "mg_levels_ksp_max_it": 1,
     "mg_levels_pc_type": "jacobi",
     "mg_coarse_sub_pc_factor_shift_type": "nonzero",
@@ -72,7 +75,6 @@ class _Solver:
             Number of rows of this rank.
         """
         self.close()
-        self._rows = rows
         self._ksp = PETSc.KSP().create(self._comm)
         self._ksp.setOptionsPrefix(self._prefix)
         # the guess may be far from the solution: a few particles in flight, after an impact
@@ -81,12 +83,13 @@ class _Solver:
         self._ksp.setFromOptions()
         self._x = PETSc.Vec().createMPI((rows, None), comm=self._comm)
         self._b = self._x.duplicate()
+        self._matrix = PETSc.Mat().create(self._comm)
 
-    def _run(self, matrix, model, rhs, guess):
-        """Solve with a matrix, and the one that the preconditioner is made of; whether it converged."""
+    def _run(self, model, rhs, guess):
+        """Solve with the matrix, and the one that the preconditioner is made of; whether it converged."""
         self._x.array[:] = guess
         self._b.array[:] = rhs
-        self._ksp.setOperators(matrix, model)
+        self._ksp.setOperators(self._matrix, model)
         self._ksp.solve(self._b, self._x)
         self.iterations = self._ksp.getIterationNumber()
         return self._ksp.getConvergedReason() > 0
@@ -100,7 +103,7 @@ class _Solver:
     def close(self):
         """Free PETSc's objects, which no garbage collector does in time."""
         if self._ksp is not None:
-            for thing in (self._ksp, self._x, self._b):
+            for thing in (self._ksp, self._x, self._b, self._matrix):
                 thing.destroy()
             self._ksp = None
 
@@ -135,12 +138,11 @@ class VelocitySolver(_Solver):
         DivergedError
             On all ranks, with PETSc's reason.
         """
-        matrix = _wrap(self._comm, self._rows, blocks)
+        _fill(self._matrix, self._x.getSizes(), blocks)
         for axis in axes:
-            if not self._run(matrix, matrix, density * velocity[:, axis], velocity[:, axis]):
+            if not self._run(self._matrix, density * velocity[:, axis], velocity[:, axis]):
                 self._fail("viscosity")
             velocity[:, axis] = self._x.array
-        matrix.destroy()
 
 
 class PressureSolver(_Solver):
@@ -150,7 +152,7 @@ class PressureSolver(_Solver):
     ----------
     comm : mpi4py.MPI.Comm
     tolerance : float
-        Of the residual relative to the right-hand side.
+        Of the estimated error relative to the last pressure, or, where that says nothing, to the error at first.
     excess : float
         Iterations beyond those of a fresh multigrid hierarchy, summed over solves, that pay for a new one.
 
@@ -165,7 +167,7 @@ class PressureSolver(_Solver):
     def __init__(self, comm, tolerance, excess):
         super().__init__(comm, "ppe_", PRESSURE_OPTIONS, tolerance)
         self._most_excess = excess
-        self._matrix = self._model = None
+        self._guess = self._change = self._model = None
         self.rebuilds = 0
         self._fresh = None
         self._excess = 0
@@ -173,7 +175,27 @@ class PressureSolver(_Solver):
     def new_layout(self, rows):
         """As of every solver; the multigrid hierarchy is forgotten too."""
         super().new_layout(rows)
+        self._guess, self._change = self._x.duplicate(), self._x.duplicate()
+        self._ksp.setConvergenceTest(self._judge)
         self._fresh = None
+
+    def _judge(self, ksp, iteration, residual):
+        """Whether the error is small enough.
+
+        The first change of the pressure is nearly the error that there was, which then falls as the residual does.
+        The preconditioned residual tells no more, and costs a cycle of multigrid that nothing uses.
+        """
+        reasons = PETSc.KSP.ConvergedReason
+        if not math.isfinite(residual):
+            return reasons.DIVERGED_NANORINF
+        if iteration == 0:
+            self._first = residual
+            return reasons.CONVERGED_ATOL if residual == 0.0 else reasons.CONVERGED_ITERATING
+        if iteration == 1:
+            self._change.waxpy(-1.0, self._guess, self._x)
+            change = max(self._change.norm(), 1e-300)
+            self._enough = self._tolerance * self._first * max(self._guess.norm() / change, 1.0)
+        return reasons.CONVERGED_ATOL if residual <= self._enough else reasons.CONVERGED_ITERATING
 
     def solve(self, blocks, rhs, guess):
         """Solve for the pressure.
@@ -195,21 +217,15 @@ class PressureSolver(_Solver):
         DivergedError
             On all ranks, with PETSc's reason.
         """
-        old = self._matrix
-        self._matrix = _wrap(self._comm, self._rows, blocks)
+        _fill(self._matrix, self._x.getSizes(), blocks)
+        self._guess.array[:] = guess
         if self._fresh is None or self._excess >= self._most_excess:
             self._renew(blocks)
-        # The preconditioned residual is nearly the error: it falls to a share of the last pressure, or, where
-        # that says nothing, of what it was at first. PETSc's own measure costs one more cycle of multigrid.
-        self._x.array[:] = guess
-        self._ksp.setTolerances(atol=self._tolerance * self._x.norm())
-        converged = self._run(self._matrix, self._model, rhs, guess)
+        converged = self._run(self._model, rhs, guess)
         if not converged and self._fresh is not None:
             # The hierarchy may have aged too fast to notice: try once more with a new one.
             self._renew(blocks)
-            converged = self._run(self._matrix, self._model, rhs, guess)
-        if old is not None:
-            old.destroy()
+            converged = self._run(self._model, rhs, guess)
         if not converged:
             self._fail("pressure")
         if self._fresh is None:
@@ -218,13 +234,22 @@ class PressureSolver(_Solver):
         return self._x.array.copy()
 
     def _renew(self, blocks):
-        """Set the hierarchy up from a copy of the present matrix, which lives as long as the hierarchy."""
+        """Set the hierarchy up from a copy of the present matrix, which lives as long as the hierarchy.
+
+        The finest level is of each step's matrix: what no longer fits the particles is smooth.
+        """
         old, self._model_blocks = self._model, blocks.sorted()
-        self._model = _wrap(self._comm, self._rows, self._model_blocks)
+        self._model = PETSc.Mat().create(self._comm)
+        _fill(self._model, self._x.getSizes(), self._model_blocks)
         for _ in range(self.rebuilds + 1):
             self._model.stateIncrease()  # else PETSc takes the copy, as young as the last one, for the last one
         self._ksp.setOperators(self._model, self._model)
         self._ksp.setUp()
+        pc = self._ksp.getPC()
+        finest = pc.getMGLevels() - 1 if pc.getType() == "gamg" else 0
+        if finest > 0:
+            pc.getMGSmoother(finest).setOperators(self._matrix, self._matrix)
+            _check(_LIBRARY.PCMGSetResidual(_pointer(pc.handle), finest, None, _pointer(self._matrix.handle)))
         if old is not None:
             old.destroy()
         self._fresh, self._excess = None, 0
@@ -248,12 +273,12 @@ class PressureSolver(_Solver):
         return (PETSc.Log.getTime() - start) / repeats
 
     def close(self):
-        """As of every solver; with its matrices."""
+        """As of every solver; with the copy of the matrix."""
         super().close()
-        for matrix in (self._matrix, self._model):
-            if matrix is not None:
-                matrix.destroy()
-        self._matrix = self._model = None
+        for thing in (self._guess, self._change, self._model):
+            if thing is not None:
+                thing.destroy()
+        self._guess = self._change = self._model = None
 
 
 _REASONS = {
@@ -321,30 +346,36 @@ class Blocks:
         return self.first, self.columns, self.values, self.halo_first, self.halo_columns, self.halo_values
 
 
-_LIBRARY = ctypes.CDLL(PETSc.__file__)  # petsc4py has no name for these two functions of PETSc
+_LIBRARY = ctypes.CDLL(PETSc.__file__)  # petsc4py has no name for these functions of PETSc
+_pointer = ctypes.c_void_p
 
 
-def _wrap(comm, rows, blocks):
-    """Make a matrix of the arrays themselves (MatCreateMPIAIJWithSplitArrays)."""
-    matrix = PETSc.Mat().create(comm)
+def _check(status):
+    if status:
+        raise PETSc.Error(status)
+
+
+def _fill(matrix, rows, blocks):
+    """Make a matrix of the arrays themselves (MatCreateMPIAIJWithSplitArrays), in the place of what it was.
+
+    ``rows`` are those of this rank and of all, which PETSc would add up in every step.
+    """
+    comm = matrix.comm
     raw = ctypes.c_void_p()
     size = ctypes.c_int if blocks.first.itemsize == 4 else ctypes.c_int64
     # PETSc numbers the columns of the halo anew, in place
     blocks.renumbered = blocks.halo_columns[: blocks.halo_first[-1] + 1].copy()
     first, columns, values, halo_first, _, halo_values = blocks.arrays
     arrays = (first, columns, values, halo_first, blocks.renumbered, halo_values)
-    arrays = [a.ctypes.data_as(ctypes.c_void_p) for a in arrays]
-    sizes = [size(rows), size(rows), size(PETSc.DETERMINE), size(PETSc.DETERMINE)]
-    status = _LIBRARY.MatCreateMPIAIJWithSplitArrays(_handle(comm), *sizes, *arrays, ctypes.byref(raw))
-    status = status or _LIBRARY.MatHeaderReplace(ctypes.c_void_p(matrix.handle), ctypes.byref(raw))
-    if status:
-        raise PETSc.Error(status)
+    arrays = [a.ctypes.data_as(_pointer) for a in arrays]
+    own, total = map(size, rows)
+    _check(_LIBRARY.MatCreateMPIAIJWithSplitArrays(_handle(comm), own, own, total, total, *arrays, ctypes.byref(raw)))
+    _check(_LIBRARY.MatHeaderReplace(_pointer(matrix.handle), ctypes.byref(raw)))
     matrix.setOption(PETSc.Mat.Option.SPD, True)
-    return matrix
 
 
 def _handle(comm):
     """The communicator as C passes it: a pointer with Open MPI, an int with MPICH."""
     mpi = comm.tompi4py()
     kind = ctypes.c_int if MPI._sizeof(mpi) == 4 else ctypes.c_void_p
-    return kind.from_address(MPI._addressof(mpi))
+    return kind(kind.from_address(MPI._addressof(mpi)).value)  # a copy: the object ends here

@@ -355,10 +355,8 @@ def predict(sim):
     """
     p, w = sim.particles, sim.work
     sim.evaluate_body_force()
-    limit = sim.scheme.predictor_limit * np.linalg.norm(sim.frame.force)
-    velocity.predict_acceleration(p.acceleration, w.force, 0.0 if sim.step_number == 0 else limit, w.link_force)
-    w.intermediate[:] = p.velocity + sim.dt * (w.force - w.link_force)
-    w.intermediate[p.kind != FLUID] = 0.0
+    limit = 0.0 if sim.step_number == 0 else sim.scheme.predictor_limit * np.linalg.norm(sim.frame.force)
+    velocity.predict(p.kind, p.velocity, p.acceleration, w.force, limit, sim.dt, w.link_force, w.intermediate)
 
 
 def balance_impulse(sim):

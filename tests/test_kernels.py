@@ -602,13 +602,17 @@ def test_body_force_of_a_turning_tank():
 
 def test_predicted_acceleration_keeps_its_distance_from_the_body_force():
     rng = np.random.default_rng(4)
-    last, force = rng.normal(size=(2, 50, 3))
-    out = np.zeros((50, 3))
-    velocity.predict_acceleration(last, force, 1.0, out)
+    last, force, v = rng.normal(size=(3, 50, 3))
+    kind = np.zeros(50, np.int8)
+    kind[-1] = WALL
+    out, star = np.zeros((50, 3)), np.full((50, 3), np.nan)
+    velocity.predict(kind, v, last, force, 1.0, 0.1, out, star)
     away = last - force
     size = np.linalg.norm(away, axis=1)
     np.testing.assert_allclose(out, force + away * np.minimum(1.0, 1.0 / size)[:, None], atol=1e-14)
-    velocity.predict_acceleration(last, force, 0.0, out)
+    np.testing.assert_allclose(star[:-1], (v + 0.1 * (force - out))[:-1], atol=1e-14)
+    assert not star[-1].any()
+    velocity.predict(kind, v, last, force, 0.0, 0.1, out, star)
     np.testing.assert_array_equal(out, force)
 
 

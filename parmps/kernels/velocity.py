@@ -81,17 +81,23 @@ def greatest_distance(position, before):
 
 
 @compiled
-def predict_acceleration(last, force, limit, out):
+def predict(kind, velocity, last, force, limit, dt, out, intermediate):
     """Pressure acceleration grad P / rho to expect: the last one, no further than ``limit`` from the body force.
 
     Parameters
     ----------
+    kind : (n,) int8
+    velocity : (n, 3) float64, m/s
     last, force : (n, 3) float64, m/s2
         The last grad P / rho, and the body force.
     limit : float
         m/s2.
+    dt : float
+        s.
     out : (n, 3) float64, m/s2
         Filled.
+    intermediate : (n, 3) float64, m/s
+        Filled: the velocity at the end of the step if the body force and ``out`` were all that acts; 0 but for fluid.
     """
     for i in range(out.shape[0]):
         dx, dy, dz = last[i, 0] - force[i, 0], last[i, 1] - force[i, 1], last[i, 2] - force[i, 2]
@@ -100,6 +106,8 @@ def predict_acceleration(last, force, limit, out):
         out[i, 0] = force[i, 0] + share * dx
         out[i, 1] = force[i, 1] + share * dy
         out[i, 2] = force[i, 2] + share * dz
+        for d in range(3):
+            intermediate[i, d] = velocity[i, d] + dt * (force[i, d] - out[i, d]) if kind[i] == 0 else 0.0
 
 
 @compiled
