@@ -2,13 +2,14 @@
 
 A closed tank that is completely full, and a full compartment beside a partly filled one, have no particle of
 known pressure. Their block of the pressure matrix is singular: its right-hand side is made to sum to zero, a
-shift of the diagonal far below the solver's tolerance makes the block regular, and the level of the pressure is
-set afterwards so that its least value is zero.
+shift of the diagonal far below the solver's tolerance holds the block at its last pressure, and the level of the
+pressure is set afterwards so that its least value is zero.
 """
 
 import numpy as np
 
 from parmps.kernels.graph import join, number_parts
+from parmps.kernels.poisson import row_sums
 
 SHIFT = 1e-9
 """Relative shift of the diagonal."""
@@ -53,8 +54,12 @@ class Floating:
         opened, held = domain.max(np.array([surface[self._rows].any(), surface[rest].any()], float))
         return opened > 0.0 or (held > 0.0) != self._held
 
-    def fix(self, domain, blocks, rhs):
-        """Make the singular blocks of the matrix regular and their equations consistent.
+    def fix(self, domain, blocks, rhs, pressure):
+        """Make the singular blocks of the matrix regular and their equations consistent with the last pressure.
+
+        Rows of weak links are held at their last pressure, and all rows are, very softly. The rest of the right-hand
+        side is made to sum to zero, so that nothing drives the level away from the last one: the preconditioner, made
+        of the matrix of an earlier step with other weak rows, would not find another one.
 
         Parameters
         ----------
@@ -63,20 +68,24 @@ class Floating:
             The matrix, whose diagonal is changed.
         rhs : (rows,) float64
             Changed.
+        pressure : (rows,) float64, Pa
+            The last one.
         """
         if self.count == 0:
             return
-        blocks.values[blocks.at_diagonal[self._rows]] *= 1.0 + SHIFT
+        sums = np.empty(len(rhs))
+        row_sums(blocks.first, blocks.values, blocks.halo_first, blocks.halo_values, sums)
+        held = sums[self._rows] * pressure[self._rows]
+        drive = rhs[self._rows] - held
         sums = domain.sum(
             np.array(
-                [
-                    np.bincount(self._label, rhs[self._rows], self.count),
-                    np.bincount(self._label, minlength=self.count),
-                ],
+                [np.bincount(self._label, drive, self.count), np.bincount(self._label, minlength=self.count)],
                 dtype=float,  # on all ranks: np.bincount makes whole numbers of no rows
             )
         )
-        rhs[self._rows] -= (sums[0] / sums[1])[self._label]
+        softly = SHIFT * blocks.values[blocks.at_diagonal[self._rows]]
+        blocks.values[blocks.at_diagonal[self._rows]] += softly
+        rhs[self._rows] += softly * pressure[self._rows] - (sums[0] / sums[1])[self._label]
 
     def level(self, domain, pressure):
         """Set the least pressure of each part to zero.

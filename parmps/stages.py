@@ -528,7 +528,7 @@ def solve_pressure(sim):
             held = np.empty_like(held)
             density.spread(w.surface, *sim.pairs.lists, p.rows, held)
         sim.floating = floating_components(sim.domain, sim.column, blocks, held)
-    sim.floating.fix(sim.domain, blocks, w.rhs)
+    sim.floating.fix(sim.domain, blocks, w.rhs, p.pressure[: p.rows])
     p.pressure[: p.rows] = sim.solver.solve(blocks, w.rhs, p.pressure[: p.rows])
     sim.floating.level(sim.domain, p.pressure[: p.rows])
     np.maximum(p.pressure[: p.rows], -sim.suction, out=p.pressure[: p.rows])

@@ -188,6 +188,26 @@ def poisson_rows(
 
 
 @compiled
+def row_sums(first, values, halo_first, halo_values, out):
+    """Add up each row of a matrix in two blocks.
+
+    Parameters
+    ----------
+    first, values, halo_first, halo_values
+        As filled by `poisson_rows`.
+    out : (rows,) float64
+        Filled.
+    """
+    for i in range(out.shape[0]):
+        total = 0.0
+        for k in range(first[i], first[i + 1]):
+            total += values[k]
+        for k in range(halo_first[i], halo_first[i + 1]):
+            total += halo_values[k]
+        out[i] = total
+
+
+@compiled
 def sort_rows(first, columns, values):
     """Sort the entries of each row by their columns.
 
