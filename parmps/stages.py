@@ -29,6 +29,10 @@ from parmps.particles import DUMMY, FLUID, WALL
 VOLUME_EVERY = 10
 """Steps between two measurements of the volume error and of the surface row, which change slowly."""
 
+SUPPORT = 0.8
+"""Share of the smooth weight's radius within which its support must be whole: less than 0.1 % of its sum is missing
+where a flat surface is further away."""
+
 VOLUME_SHARE = 0.1
 """Share of the volume error to remove per u dt / l0, u the greatest speed, where volume_time is longer than that."""
 
@@ -327,7 +331,7 @@ def smooth_density(sim):
     -------
     ratio : (liquid,) float64
     inside : (liquid,) bool
-        Where the support is whole: away from the surface.
+        Where the support is whole: away from the surface, which is half a spacing above its particles.
     """
     p, s, w = sim.particles, sim.scheme, sim.work
     wide = sim.wide_pairs
@@ -335,7 +339,7 @@ def smooth_density(sim):
         density.smooth_density(wide.lists[0], wide.square, sim.l0, s.volume_radius, end - begin, w.smooth[begin:end])
     near = w.near
     near[:] = w.surface
-    for _ in range(math.ceil(s.volume_radius / s.radius)):
+    for _ in range(math.ceil((SUPPORT * s.volume_radius - 0.5) / s.radius)):
         source = near.copy()
         sim.domain.exchange(source)
         density.spread(source, *sim.pairs.lists, p.liquid, near)

@@ -194,6 +194,19 @@ def test_standing_wave(start):
     assert low == pytest.approx(amplitude, rel=0.04)
 
 
+@pytest.mark.parametrize("rows", [4, 12])
+def test_expanded_liquid_regains_its_volume(start, rows):
+    """Liquid 3 % too high, shallow and deep: its level falls to the right one."""
+    sim = start(
+        "dimension: 2\nspacing: 0.01\ntank: {size: [0.3, 0.3]}\ntime: {end: 3.0}\n"
+        f"fluids: [{{name: water, depth: {0.01 * rows}}}]\n"
+    )
+    liquid = slice(0, sim.particles.liquid)
+    sim.particles.position[liquid, 2] *= 1.03
+    march(sim, 3.0)
+    assert 2.0 * sim.particles.position[liquid, 2].mean() == pytest.approx(0.01 * rows, abs=6e-4)  # of a row of 0.01
+
+
 def test_papers_scheme_runs_and_has_the_printed_counts(start):
     sim = start(SLOSHING, "scheme=papers", "time.max_step=2.0e-4", "motion[0].phase_deg=90")
     assert sim.totals == {"fluid": 12338, "total": 12338 + 1974}
