@@ -11,7 +11,16 @@ from parmps.kernels.weight import lattice
 from parmps.liquids import Liquids
 from parmps.motion import Motion
 from parmps.particles import FIELDS
-from parmps.simulation import CAPILLARY_STEP, HALO_MARGIN, IMPLICIT_GAIN, VISCOUS_STEP, WAVE_STEP, Work, wall_layers
+from parmps.simulation import (
+    CAPILLARY_STEP,
+    CLOSED_STEP,
+    HALO_MARGIN,
+    IMPLICIT_GAIN,
+    VISCOUS_STEP,
+    WAVE_STEP,
+    Work,
+    wall_layers,
+)
 from parmps.stages import make_plan
 from parmps.tank import count_particles, standing_wave
 
@@ -232,7 +241,7 @@ def _bound(job, spacing, force, speed):
     if speed > 0.0:
         bounds.append((job.courant * spacing / speed, f"cfl: {job.courant:g} l0/u"))
     if force > 0.0:
-        steady = job.scheme.steady_step
+        steady = min(job.scheme.steady_step, CLOSED_STEP if job.full else math.inf)
         bounds.append((steady * math.sqrt(spacing / force), f"body force: {steady:g} sqrt(l0/f)"))
     if liquids.capillary_rate > 0.0:
         step = CAPILLARY_STEP * math.sqrt(spacing**3 / liquids.capillary_rate)

@@ -8,7 +8,7 @@ import pytest
 from parmps.domain import Domain
 from parmps.expectation import error_class, expected_cost, expected_errors, interpolate, read_table
 from parmps.figures.start import draw_plan
-from parmps.loader import load_job
+from parmps.loader import load_job, parse_job
 from parmps.planning import estimate_particles, plan_text
 from parmps.simulation import Simulation
 from parmps.tank import count_particles
@@ -31,6 +31,20 @@ def test_the_papers_counts_of_case_1():
     text = plan_text(load_job("jobs/sloshing.yaml", ["scheme=papers"]), Domain())
     assert "12338" in text
     assert str(12338 + 1974) in text
+
+
+@pytest.mark.parametrize(("depth", "share"), [(0.1, 0.25), (0.2, 0.125)])
+def test_the_plan_knows_the_step_at_rest(depth, share):
+    text = (
+        "dimension: 2\nspacing: 0.01\ntank: {size: [0.4, 0.2]}\ntime: {end: 1.0}\noutput: {probes_every: 0.05}\n"
+        f"fluids: [{{name: water, depth: {depth}}}]\n"
+    )
+    sim = Simulation(parse_job(text), Domain())
+    sim.step(1.0)
+    sim.choose_step(2.0)
+    assert f"{share:g} sqrt(l0/f)" in plan_text(sim.job, Domain())
+    assert sim.dt == pytest.approx(share * math.sqrt(0.01 / 9.8), rel=0.05)
+    sim.close()
 
 
 def test_plan_draws_the_start(tmp_path):
