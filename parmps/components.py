@@ -32,6 +32,7 @@ class Floating:
         self.count, self._held = count, held
         self._rows = np.flatnonzero(label >= 0)
         self._label = label[self._rows]
+        self._alone = np.zeros(len(self._rows), bool)
 
     def outdated(self, domain, surface):
         """Whether a part has got a free surface since, or the rest of the liquid has got or lost its own.
@@ -59,7 +60,8 @@ class Floating:
 
         Rows of weak links are held at their last pressure, and all rows are, very softly. The rest of the right-hand
         side is made to sum to zero, so that nothing drives the level away from the last one: the preconditioner, made
-        of the matrix of an earlier step with other weak rows, would not find another one.
+        of the matrix of an earlier step with other weak rows, would not find another one. Rows that have no links any
+        more are no part of the sum: what they took would drive the others, against the soft hold alone.
 
         Parameters
         ----------
@@ -75,20 +77,22 @@ class Floating:
             return
         sums = np.empty(len(rhs))
         row_sums(blocks.first, blocks.values, blocks.halo_first, blocks.halo_values, sums)
-        held = sums[self._rows] * pressure[self._rows]
-        drive = rhs[self._rows] - held
+        held = sums * pressure
+        self._alone = (np.diff(blocks.first) + np.diff(blocks.halo_first))[self._rows] == 1
+        alone, rows, label = self._rows[self._alone], self._rows[~self._alone], self._label[~self._alone]
+        rhs[alone] = held[alone]
         sums = domain.sum(
             np.array(
-                [np.bincount(self._label, drive, self.count), np.bincount(self._label, minlength=self.count)],
+                [np.bincount(label, (rhs - held)[rows], self.count), np.bincount(label, minlength=self.count)],
                 dtype=float,  # on all ranks: np.bincount makes whole numbers of no rows
             )
         )
-        softly = SHIFT * blocks.values[blocks.at_diagonal[self._rows]]
-        blocks.values[blocks.at_diagonal[self._rows]] += softly
-        rhs[self._rows] += softly * pressure[self._rows] - (sums[0] / sums[1])[self._label]
+        softly = SHIFT * blocks.values[blocks.at_diagonal[rows]]
+        blocks.values[blocks.at_diagonal[rows]] += softly
+        rhs[rows] += softly * pressure[rows] - (sums[0] / np.maximum(sums[1], 1.0))[label]
 
     def level(self, domain, pressure):
-        """Set the least pressure of each part to zero.
+        """Set the least pressure of each part to zero, and that of rows without links.
 
         Parameters
         ----------
@@ -98,9 +102,11 @@ class Floating:
         """
         if self.count == 0:
             return
+        pressure[self._rows[self._alone]] = 0.0
+        rows, label = self._rows[~self._alone], self._label[~self._alone]
         least = np.full(self.count, np.inf)
-        np.minimum.at(least, self._label, pressure[self._rows])
-        pressure[self._rows] -= domain.min(least)[self._label]
+        np.minimum.at(least, label, pressure[rows])
+        pressure[rows] -= domain.min(least)[label]
 
 
 def floating_components(domain, column, blocks, held):
