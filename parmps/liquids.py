@@ -28,6 +28,9 @@ class Liquids:
         The greatest of them, which bounds the time step.
     capillary_rate : float, m3/s2
         The greatest sigma / (rho_1 + rho_2), which bounds the time step.
+    contrast : float
+        Square root of the least density over the greatest. An error e of the pressure gives liquid of density rho the
+        energy e^2 / rho, so that the lightest one bounds the error that energy allows.
     volume : None or (liquids, liquids) float64
         Specific volume between particles of two liquids, 2 / (rho_i + rho_j), times the reference density.
     share : None or (liquids, liquids) float64
@@ -47,6 +50,7 @@ class Liquids:
         self.reference = float(rho[0])
         self.volume = self.share = self.tension = self.sheet = None
         self.capillary_rate = 0.0
+        self.contrast = float(np.sqrt(rho.min() / rho.max()))
         if self.several:
             total = rho[:, None] + rho
             self.volume = 2.0 * self.reference / total

@@ -144,7 +144,7 @@ class Simulation:
         self.surface_distance = 0.5 * self.l0
         self.plan = make_plan(job, domain.size)
         self.seconds = {stage.name: 0.0 for stage in (*self.plan.solve, *self.plan.move)}
-        self.solver = PressureSolver(domain.comm, scheme.ksp_rtol, scheme.hierarchy_excess)
+        self.solver = PressureSolver(domain.comm, scheme.ksp_rtol * self.liquids.contrast, scheme.hierarchy_excess)
         self.velocity_solver = VelocitySolver(domain.comm) if "viscosity" in self.seconds else None
         reach = max(scheme.radius, scheme.laplacian_radius) * self.l0
         moved = scheme.position == "moved"
