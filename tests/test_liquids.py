@@ -289,6 +289,51 @@ def test_layers_that_overturn_in_a_full_tank_leave_no_gaps(start):
     assert worst < 0.002
 
 
+def test_a_heavy_particle_alone_in_light_liquid(start):
+    """It keeps its momentum but for what the light liquid takes: it must not speed itself up."""
+    sim = start(
+        "dimension: 2\nspacing: 0.01\ngravity: 0\ntank: {size: [0.4, 0.2]}\ntime: {end: 9.0, cfl: 0.4}\n"
+        "fluids: [{name: heavy, region: {box: [[0.1, 0.1], [0.11, 0.11]]}, kinematic_viscosity: 0},"
+        " {name: light, depth: 0.2, density: 1, kinematic_viscosity: 0}]\n"
+        "initial: {kind: velocity, fluid: heavy, value: [1, 0]}\n"
+    )
+    sim.start()
+    p = sim.particles
+    assert np.count_nonzero(p.fluid[: p.liquid] == 0) == 1
+    momentum = [sim.mass_sum(p.velocity[: p.liquid, axis]) for axis in (0, 2)]
+    energy = sim.kinetic_energy()
+    for _ in range(60):  # 20 spacings
+        sim.step(9.0)
+        p = sim.particles
+        assert sim.kinetic_energy() < 1.01 * energy  # 26 m/s, 700 times the energy, with its own velocity and pressure
+    heavy = p.velocity[: p.liquid][p.fluid[: p.liquid] == 0][0]
+    assert 0.85 < heavy[0] < 1.0
+    assert abs(heavy[2]) < 0.02
+    left = [sim.mass_sum(p.velocity[: p.liquid, axis]) for axis in (0, 2)]
+    np.testing.assert_allclose(left, momentum, atol=0.1 * momentum[0])
+
+
+def test_support_is_whole_at_flat_interfaces_and_among_similar_densities(start):
+    heavy, similar = two(lower=1000.0, upper=1.0), two(lower=3000.0, upper=1000.0)
+    for text in (heavy, similar):
+        _, near = ready(start(text), 0.1)
+        assert np.all(near.support == 1.0)
+    sim = start(similar)
+    sim.particles.fluid[:: 3] = 1
+    _, near = ready(sim)
+    assert len(near.index) and np.all(near.support == 1.0)
+    sim = start(heavy)
+    p = sim.particles
+    inside = np.flatnonzero((p.kind == FLUID) & (np.abs(p.position[:, 2] - 0.03) < 0.02))
+    p.fluid[: p.liquid] = 1
+    p.fluid[inside[5]] = 0
+    ready(sim)
+    p, near = sim.particles, sim.work.near_interface
+    alone = np.flatnonzero(p.fluid[: p.liquid] == 0)
+    np.testing.assert_array_equal(near.weak, alone)
+    assert near.support[alone[0]] == pytest.approx(4.0 / 1001.0, rel=1e-9)
+
+
 def test_masses_are_those_of_the_volumes(start):
     sim = start(two(lower=1300.0, upper=700.0))
     mass = sim.mass_sum(np.ones(sim.particles.liquid))

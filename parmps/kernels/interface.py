@@ -357,6 +357,29 @@ def find_slip(velocity, kind, fluid, sheet, near, first, last, other, limit, sli
 
 
 @compiled
+def find_support(fluid, share, near, first, last, other, strength, out):
+    """Support of particles near interfaces: how far the mass around them keeps them from moving on their own.
+
+    Parameters
+    ----------
+    fluid : (n,) int8
+    share
+        Table of `Liquids`.
+    near, first, last, other, strength
+        As in `own_moments`.
+    out : (n,) float64
+        Filled for those particles: 1 where at least half of the neighbourhood is as heavy, or all of it a third as
+        heavy, towards 0 for a particle alone in a light liquid.
+    """
+    for i in near:
+        total = mass = 0.0
+        for k in range(first[i], last[i]):
+            total += strength[k]
+            mass += strength[k] * min(2.0 * share[fluid[other[k]], fluid[i]], 1.0)
+        out[i] = min(2.0 * mass / total, 1.0) if total > 0.0 else 0.0
+
+
+@compiled
 def own_moments(position, kind, fluid, slips, sheet, near, first, last, other, strength, n0, dimension, matrix):
     """Moment matrices over the neighbours in a particle's own liquid and walls, as in `moments`.
 
@@ -434,6 +457,71 @@ def own_gradient(
             out[i, 3 * b] = g[b, 0] * m[0] + g[b, 1] * m[1] + g[b, 2] * m[2]
             out[i, 3 * b + 1] = g[b, 0] * m[1] + g[b, 1] * m[3] + g[b, 2] * m[4]
             out[i, 3 * b + 2] = g[b, 0] * m[2] + g[b, 1] * m[4] + g[b, 2] * m[5]
+
+
+@compiled
+def flow_around(
+    position, velocity, support, weak, first, last, other, strength, n0, dimension, matrix, sums
+):
+    """Sums for the gradient of the velocity around particles of little support, whose own velocity hardly counts.
+
+    Least squares with a free value at the particle: u_j - u_i = grad u . d + e, with e held to 0 by the support c,
+    which leaves the share 1 - c of the mean in the sums.
+
+    Parameters
+    ----------
+    position, velocity, first, last, other, strength, n0, dimension
+        As in `own_gradient`.
+    support : (n,) float64
+        As made by `find_support`.
+    weak : (m,) int32
+        The particles.
+    matrix : (m, 6) float64
+        Filled: moments.
+    sums : (m, 9) float64
+        Filled: right-hand sides, as in `velocity_gradient`.
+    """
+    scale = dimension / n0
+    d, u, way, change = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    for a in range(weak.shape[0]):
+        i = weak[a]
+        matrix[a] = sums[a] = way[:] = change[:] = 0.0
+        total = 1e-300
+        for k in range(first[i], last[i]):
+            s = scale * strength[k]
+            d[:] = position[other[k]] - position[i]
+            u[:] = velocity[other[k]] - velocity[i]
+            total += s
+            way += s * d
+            change += s * u
+            _add_moment(matrix[a], s, d[0], d[1], d[2])
+            for b in range(3):
+                sums[a, 3 * b : 3 * b + 3] += s * u[b] * d
+        free = (1.0 - support[i]) / total
+        _add_moment(matrix[a], -free, way[0], way[1], way[2])
+        for b in range(3):
+            sums[a, 3 * b : 3 * b + 3] -= free * change[b] * way
+
+
+@compiled
+def solve_flow(weak, inverse, sums, out):
+    """Gradient of the velocity from the sums of `flow_around`.
+
+    Parameters
+    ----------
+    weak, sums
+        As in `flow_around`.
+    inverse : (m, 6) float64
+    out : (n, 9) float64, 1/s
+        Filled for those particles.
+    """
+    for a in range(weak.shape[0]):
+        i, m = weak[a], inverse[a]
+        for b in range(3):
+            x, y, z = sums[a, 3 * b], sums[a, 3 * b + 1], sums[a, 3 * b + 2]
+            out[i, 3 * b] = m[0] * x + m[1] * y + m[2] * z
+            out[i, 3 * b + 1] = m[1] * x + m[3] * y + m[4] * z
+            out[i, 3 * b + 2] = m[2] * x + m[4] * y + m[5] * z
 
 
 @compiled
@@ -524,6 +612,7 @@ def pressure_gradient(
     tension,
     bend,
     normal,
+    support,
     near,
     first,
     last,
@@ -540,7 +629,8 @@ def pressure_gradient(
 
     Least squares for the acceleration a of the own liquid beyond the body force f: on a link of volume b the
     pressure says b (P_j - P_i) - f . d = a' . d', where d' is d with its part along the interface multiplied by
-    b rho_i, since P itself is continuous there.
+    b rho_i, since P itself is continuous there. Particles of little support take part in no jump, and their own
+    pressure hardly counts, as in `flow_around`.
 
     Parameters
     ----------
@@ -557,6 +647,8 @@ def pressure_gradient(
         As in `poisson_rows`.
     density : float, kg/m3
         The reference density of ``volume``.
+    support : (n,) float64
+        As made by `find_support`.
     matrix : (m, 6) float64
         Filled: moments.
     sums : (m, 3) float64
@@ -565,7 +657,8 @@ def pressure_gradient(
     scale = dimension / n0
     for a in range(near.shape[0]):
         i = near[a]
-        xx = xy = xz = yy = yz = zz = gx = gy = gz = 0.0
+        xx = xy = xz = yy = yz = zz = gx = gy = gz = mx = my = mz = mean = 0.0
+        total = 1e-300
         here = pressure[i] if surface[i] == 0 else max(pressure[i], 0.0)
         own = volume[fluid[i], fluid[i]]
         for k in range(first[i], last[i]):
@@ -578,7 +671,7 @@ def pressure_gradient(
                 there -= pressure_jump(fluid[i], fluid[j], tension, bend[i], bend[j])
             b = volume[fluid[i], fluid[j]]
             q = b * (there - here) / (density * l0) - force[i, 0] * dx - force[i, 1] * dy - force[i, 2] * dz
-            if kind[j] == 0 and fluid[i] != fluid[j]:
+            if kind[j] == 0 and fluid[i] != fluid[j] and support[i] == 1.0:
                 nx = normal[i, 0] - normal[j, 0]
                 ny = normal[i, 1] - normal[j, 1]
                 nz = normal[i, 2] - normal[j, 2]
@@ -588,6 +681,11 @@ def pressure_gradient(
                 dy = t * dy + (1.0 - t) * along * ny
                 dz = t * dz + (1.0 - t) * along * nz
             s = scale * l0 * l0 * strength[k]
+            total += s
+            mean += s * q
+            mx += s * dx
+            my += s * dy
+            mz += s * dz
             gx += s * q * dx
             gy += s * q * dy
             gz += s * q * dz
@@ -603,6 +701,11 @@ def pressure_gradient(
             s = scale / size
             q = -own * here * size / (density * surface_distance)
             q -= force[i, 0] * qx + force[i, 1] * qy + force[i, 2] * qz
+            total += s
+            mean += s * q
+            mx += s * qx
+            my += s * qy
+            mz += s * qz
             gx += s * q * qx
             gy += s * q * qy
             gz += s * q * qz
@@ -614,7 +717,9 @@ def pressure_gradient(
             zz += s * qz * qz
         matrix[a, 0], matrix[a, 1], matrix[a, 2] = xx, xy, xz
         matrix[a, 3], matrix[a, 4], matrix[a, 5] = yy, yz, zz
-        sums[a, 0], sums[a, 1], sums[a, 2] = gx, gy, gz
+        free = (1.0 - support[i]) / total
+        _add_moment(matrix[a], -free, mx, my, mz)
+        sums[a, 0], sums[a, 1], sums[a, 2] = gx - free * mean * mx, gy - free * mean * my, gz - free * mean * mz
 
 
 @compiled
