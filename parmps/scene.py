@@ -407,8 +407,8 @@ class Job(Section):
 
     @property
     def full(self):
-        """Whether layers of liquid fill the tank to its lid, so that there is no free surface."""
-        return self.tank.lid and None not in self.depths and sum(self.depths) > self.tank.height * (1.0 - 1e-9)
+        """Whether layers of liquid, which regions displace, fill the tank to its lid: there is no free surface."""
+        return self.tank.lid and sum(depth or 0.0 for depth in self.depths) > self.tank.height * (1.0 - 1e-9)
 
     @model_validator(mode="before")
     @classmethod

@@ -433,14 +433,19 @@ def look(sim, worst, settled, surface, expanded):
 
 
 def supplied_speed(sim):
-    """Greatest speed that the initial state, gravity over the tank's diagonal and the motion can give, m/s."""
+    """Greatest speed that the initial state, gravity over the tank's diagonal, the motion and tension can give, m/s.
+
+    Tension draws in a film of one spacing at sqrt(2 sigma / (rho l0)) (Taylor and Culick).
+    """
     size, frames = sim.job.tank.size, [sim.motion.at(t) for t in np.linspace(0.0, sim.job.time.end, 50)]
     reach = math.hypot(*size)
     p = sim.particles
     start = float(np.linalg.norm(p.velocity[: p.liquid], axis=1).max(initial=0.0))
     force = max(np.linalg.norm(f.force) + reach * np.linalg.norm(f.alpha) for f in frames)
     turn = max(np.linalg.norm(f.omega) for f in frames)
-    return sim.domain.max(start) + math.sqrt(2.0 * force * reach) + turn * reach
+    tension = 0.0 if sim.liquids.tension is None else float(sim.liquids.tension.max())
+    film = math.sqrt(2.0 * tension / (float(sim.liquids.density.min()) * sim.l0))
+    return sim.domain.max(start) + math.sqrt(2.0 * force * reach) + turn * reach + film
 
 
 def on_ranks(names, ranks, directory):
