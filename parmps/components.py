@@ -109,14 +109,16 @@ class Floating:
         pressure[rows] -= domain.min(least)[label]
 
 
-def floating_components(domain, column, blocks, held):
+def floating_components(domain, row, column, blocks, held):
     """Find the connected parts of the pressure equation that have no particle of known pressure.
 
     Parameters
     ----------
     domain : Domain
-    column : (n,) int
+    row : (n,) int64
         Global row of each particle, own and halo, -1 for none.
+    column : (n,) int
+        Column of each particle of the halo, as in ``blocks``, -1 for none.
     blocks : Blocks
         The matrix of this rank's rows.
     held : (rows,) bool or int8
@@ -126,17 +128,16 @@ def floating_components(domain, column, blocks, held):
     -------
     Floating
     """
-    rows, count = len(blocks.first) - 1, len(column)
-    beyond = np.flatnonzero(column[rows:] >= 0) + rows
-    order = beyond[np.argsort(column[beyond])]
-    halo = blocks.halo_columns[: blocks.halo_first[-1]]
-    part = np.arange(count)
+    rows = len(blocks.first) - 1
+    beyond = np.flatnonzero(column >= 0)
+    beyond = beyond[np.argsort(column[beyond])]
+    part = np.arange(len(row))
     join(blocks.first, blocks.columns, part)
-    join(blocks.halo_first, order[np.searchsorted(column[order], halo)], part)
+    join(blocks.halo_first, beyond[blocks.halo_columns[: blocks.halo_first[-1]]], part)
     parts = number_parts(part)
     # Ranks agree on labels, and on what is held, by passing the least label and the most held along.
-    label = np.where(column >= 0, column.astype(np.int64), np.iinfo(np.int64).max)
-    tied = np.zeros(len(column), np.int64)
+    label = np.where(row >= 0, row, np.iinfo(np.int64).max)
+    tied = np.zeros(len(row), np.int64)
     tied[:rows] = held != 0
     # Dry wall particles, and liquid particles alone, have no pressure.
     alone = np.diff(blocks.first) + np.diff(blocks.halo_first) == 1

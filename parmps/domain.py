@@ -1,8 +1,8 @@
 """Domain decomposition: who owns which particle, migration, halo exchange, and sums over the ranks.
 
 The only module that knows MPI. Ownership follows a recursive coordinate bisection and changes only when the
-balance or the halo has become worse; which particles the neighbouring ranks need is found again whenever the
-particles may have moved further than the margin of the halo.
+balance or the halo has become worse; which particles the neighbouring ranks need is found again when some have
+come within reach that are not among them.
 """
 
 import math
@@ -11,6 +11,7 @@ import time as clock
 import numpy as np
 from mpi4py import MPI
 
+from parmps.kernels.pairs import bounds, within
 from parmps.particles import FIELDS, Particles
 
 BISECTIONS = 48
@@ -256,21 +257,10 @@ class Domain:
         """
         if self.size == 1:
             return
-        position = particles.position[: particles.owned]
-        box = np.array([[np.inf] * 3, [-np.inf] * 3])
-        if particles.owned:
-            box = np.array([position.min(axis=0), position.max(axis=0)])
-        boxes = np.empty((self.size, 2, 3))
-        self.comm.Allgather(box, boxes)
-        near = np.all((boxes[:, 0] <= box[1] + width) & (boxes[:, 1] >= box[0] - width), axis=1)
-        near[self.rank] = False
-        neighbours = np.flatnonzero(near)
-        self._sends = []
+        self._sends = [(other, np.flatnonzero(inside)) for other, inside in self._near_others(particles, width)]
+        neighbours = [other for other, _ in self._sends]
         counts, requests = np.zeros(len(neighbours), np.int64), []
         for k, other in enumerate(neighbours):
-            inside = np.all((position >= boxes[other, 0] - width) & (position <= boxes[other, 1] + width), axis=1)
-            indices = np.flatnonzero(inside)
-            self._sends.append((int(other), indices))
             requests.append(self.comm.Irecv(counts[k : k + 1], other, 1))
         sizes = np.array([len(indices) for _, indices in self._sends], np.int64)
         for k, other in enumerate(neighbours):
@@ -278,13 +268,41 @@ class Domain:
         MPI.Request.Waitall(requests)
         ends = particles.owned + np.cumsum(counts)
         begins = ends - counts
-        self._receives = [
-            (int(o), int(b), int(e)) for o, b, e in zip(neighbours, begins, ends, strict=True)
-        ]
+        self._receives = [(o, int(b), int(e)) for o, b, e in zip(neighbours, begins, ends, strict=True)]
         self.halo = int(counts.sum())
         particles.resize(particles.owned + self.halo)
         self._close_channels()
         self.exchange(*(getattr(particles, name) for name in FIELDS))
+
+    def halo_is_stale(self, particles, reach):
+        """Whether some rank lacks a particle within ``reach`` of its own.
+
+        Parameters
+        ----------
+        particles : Particles
+        reach : float
+            m.
+
+        Returns
+        -------
+        bool
+        """
+        if self.size == 1:
+            return False
+        sent, late = dict(self._sends), False
+        for other, inside in self._near_others(particles, reach):
+            inside[sent.get(other, [])] = False
+            late |= bool(inside.any())
+        return bool(self.max(int(late)))
+
+    def _near_others(self, particles, width):
+        """Ranks whose box is near this one's, and which of this rank's particles are within ``width`` of it."""
+        box, boxes = bounds(particles.position, particles.kind, particles.owned), np.empty((self.size, 2, 3))
+        self.comm.Allgather(box, boxes)
+        near = np.all((boxes[:, 0] <= box[1] + width) & (boxes[:, 1] >= box[0] - width), axis=1)
+        near[self.rank] = False
+        position = particles.position[: particles.owned]
+        return [(int(k), within(position, boxes[k, 0] - width, boxes[k, 1] + width)) for k in np.flatnonzero(near)]
 
     def exchange(self, *arrays):
         """Fill the halo's rows of arrays from the ranks that own them.
@@ -326,7 +344,7 @@ class _Channel:
             at = 0
             for column in columns:
                 width = column.shape[1]
-                buffer[:, at : at + width] = column[indices]
+                buffer[:, at : at + width] = column.take(indices, axis=0)
                 at += width
         MPI.Prequest.Startall(self.requests)
 

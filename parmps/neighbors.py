@@ -132,7 +132,7 @@ class Pairs:
 
     def _grid(self, particles):
         """Particles in cells of the size of the radius, a quarter of it along z; larger where spray flies far."""
-        lower, upper = bounds(particles.position, particles.kind)
+        lower, upper = bounds(particles.position, particles.kind, len(particles))
         if not np.all(lower <= upper):
             lower = upper = np.zeros(3)
         size = self._reach * np.array([1.0, 1.0, 0.25])

@@ -85,6 +85,23 @@ class _Solver:
         self._b = self._x.duplicate()
         self._matrix = PETSc.Mat().create(self._comm)
 
+    def new_halo(self, beyond):
+        """Begin a new set of other ranks' rows that this rank's may be linked to.
+
+        Parameters
+        ----------
+        beyond : (columns,) int
+            Their numbers, ascending.
+        """
+        rows = self._x.getLocalSize()
+        self._beyond = beyond[: len(beyond) if rows else 0].astype(PETSc.IntType)
+        # A first matrix with entries only for PETSc to set up the messages by, once for all.
+        self._frame = Blocks(rows, 0, len(self._beyond))
+        self._frame.halo_first[1:] = len(self._beyond)
+        self._frame.halo_columns[:] = self._beyond
+        self._frame.halo_values[:] = 0.0
+        _make(self._matrix, self._x.getSizes(), self._frame)
+
     def _run(self, model, rhs, guess):
         """Solve with the matrix, and the one that the preconditioner is made of; whether it converged."""
         self._x.array[:] = guess
@@ -138,7 +155,7 @@ class VelocitySolver(_Solver):
         DivergedError
             On all ranks, with PETSc's reason.
         """
-        _fill(self._matrix, self._x.getSizes(), blocks)
+        _fill(self._matrix, blocks, len(self._beyond))
         for axis in axes:
             if not self._run(self._matrix, density * velocity[:, axis], velocity[:, axis]):
                 self._fail("viscosity")
@@ -217,7 +234,7 @@ class PressureSolver(_Solver):
         DivergedError
             On all ranks, with PETSc's reason.
         """
-        _fill(self._matrix, self._x.getSizes(), blocks)
+        _fill(self._matrix, blocks, len(self._beyond))
         self._guess.array[:] = guess
         if self._fresh is None or self._excess >= self._most_excess:
             self._renew(blocks)
@@ -239,8 +256,9 @@ class PressureSolver(_Solver):
         The finest level is of each step's matrix: what no longer fits the particles is smooth.
         """
         old, self._model_blocks = self._model, blocks.sorted()
+        self._model_blocks.halo_columns[:] = self._beyond[self._model_blocks.halo_columns]
         self._model = PETSc.Mat().create(self._comm)
-        _fill(self._model, self._x.getSizes(), self._model_blocks)
+        _make(self._model, self._x.getSizes(), self._model_blocks)
         for _ in range(self.rebuilds + 1):
             self._model.stateIncrease()  # else PETSc takes the copy, as young as the last one, for the last one
         self._ksp.setOperators(self._model, self._model)
@@ -311,11 +329,9 @@ class Blocks:
     first, columns, values
         Block among the rank's rows, compressed rows with local columns.
     halo_first, halo_columns, halo_values
-        The other block, with global columns.
+        The other block, with the columns that the halo's rows are numbered by.
     at_diagonal : (rows,) int
         Where the diagonal is in ``values``.
-    renumbered : array of int
-        The columns of the halo, as the matrix made of the blocks counts them.
     """
 
     def __init__(self, rows, entries, beyond):
@@ -324,7 +340,6 @@ class Blocks:
         self.halo_first = np.zeros(rows + 1, index)
         self.halo_columns, self.halo_values = np.empty(beyond, index), np.empty(beyond)
         self.at_diagonal = np.zeros(rows, index)
-        self.renumbered = None
 
     def sorted(self):
         """Copy the matrix, with the columns of each row ascending, as the set-up of multigrid needs them.
@@ -348,6 +363,7 @@ class Blocks:
 
 _LIBRARY = ctypes.CDLL(PETSc.__file__)  # petsc4py has no name for these functions of PETSc
 _pointer = ctypes.c_void_p
+_INDEX = ctypes.c_int if PETSc.IntType().itemsize == 4 else ctypes.c_int64
 
 
 def _check(status):
@@ -355,23 +371,39 @@ def _check(status):
         raise PETSc.Error(status)
 
 
-def _fill(matrix, rows, blocks):
-    """Make a matrix of the arrays themselves (MatCreateMPIAIJWithSplitArrays), in the place of what it was.
+def _make(matrix, rows, blocks):
+    """Make a matrix of arrays whose halo has global columns, which PETSc numbers anew, in place of what it was.
 
-    ``rows`` are those of this rank and of all, which PETSc would add up in every step.
+    ``rows`` are those of this rank and of all, which PETSc would add up each time.
     """
-    comm = matrix.comm
-    raw = ctypes.c_void_p()
-    size = ctypes.c_int if blocks.first.itemsize == 4 else ctypes.c_int64
-    # PETSc numbers the columns of the halo anew, in place
-    blocks.renumbered = blocks.halo_columns[: blocks.halo_first[-1] + 1].copy()
-    first, columns, values, halo_first, _, halo_values = blocks.arrays
-    arrays = (first, columns, values, halo_first, blocks.renumbered, halo_values)
-    arrays = [a.ctypes.data_as(_pointer) for a in arrays]
-    own, total = map(size, rows)
-    _check(_LIBRARY.MatCreateMPIAIJWithSplitArrays(_handle(comm), own, own, total, total, *arrays, ctypes.byref(raw)))
+    raw = _pointer()
+    own, total = map(_INDEX, rows)
+    arrays = [_address(array) for array in blocks.arrays]
+    comm = _handle(matrix.comm)
+    _check(_LIBRARY.MatCreateMPIAIJWithSplitArrays(comm, own, own, total, total, *arrays, ctypes.byref(raw)))
     _check(_LIBRARY.MatHeaderReplace(_pointer(matrix.handle), ctypes.byref(raw)))
     matrix.setOption(PETSc.Mat.Option.SPD, True)
+
+
+def _fill(matrix, blocks, beyond):
+    """Replace the two blocks of a matrix by new arrays; its messages to other ranks stay as they are.
+
+    ``beyond`` is the number of columns of the halo.
+    """
+    parts, rows = [_pointer(), _pointer()], len(blocks.first) - 1
+    columns = ctypes.c_void_p()
+    _check(_LIBRARY.MatMPIAIJGetSeqAIJ(_pointer(matrix.handle), *map(ctypes.byref, (*parts, columns))))
+    arrays = [_address(array) for array in blocks.arrays]
+    alone = _handle(PETSc.COMM_SELF)
+    for part, width, three in zip(parts, (rows, beyond), (arrays[:3], arrays[3:]), strict=True):
+        raw = _pointer()
+        _check(_LIBRARY.MatCreateSeqAIJWithArrays(alone, _INDEX(rows), _INDEX(width), *three, ctypes.byref(raw)))
+        _check(_LIBRARY.MatHeaderReplace(part, ctypes.byref(raw)))
+    matrix.stateIncrease()
+
+
+def _address(array):
+    return array.ctypes.data_as(_pointer)
 
 
 def _handle(comm):

@@ -10,7 +10,7 @@ from parmps.errors import DivergedError
 from parmps.interfaces import Near
 from parmps.kernels import density as density_kernels
 from parmps.kernels.shifting import keep_off_walls
-from parmps.kernels.velocity import body_force, greatest_distance, greatest_speed
+from parmps.kernels.velocity import body_force, greatest_speed
 from parmps.kernels.weight import lattice
 from parmps.liquids import Liquids
 from parmps.motion import Motion
@@ -148,12 +148,13 @@ class Simulation:
         self.seconds = {stage.name: 0.0 for stage in (*self.plan.solve, *self.plan.move)}
         self.solver = PressureSolver(domain.comm, scheme.ksp_rtol * self.liquids.contrast, scheme.hierarchy_excess)
         self.velocity_solver = VelocitySolver(domain.comm) if "viscosity" in self.seconds else None
+        self.solvers = [solver for solver in (self.solver, self.velocity_solver) if solver is not None]
         reach = max(scheme.radius, scheme.laplacian_radius) * self.l0
         moved = scheme.position == "moved"
         self.pairs = Pairs(reach, self.geometry.walls.solids, wall_pairs=moved)
         self.wide_pairs = Pairs(scheme.volume_radius * self.l0, self.geometry.walls.solids, wall_rows=False)
         wide = scheme.volume_radius if scheme.volume_time is not None else 0.0
-        self.halo_width = (max(scheme.radius, scheme.laplacian_radius, wide) + HALO_MARGIN) * self.l0
+        self.halo_reach = max(reach, wide * self.l0)
         arrays = {
             name: getattr(placement, name) for name in ("id", "kind", "fluid", "parent", "position", "normal", "depth")
         }
@@ -186,30 +187,28 @@ class Simulation:
         self.particles = self.domain.distribute(p, np.choose(p.kind[: p.owned], COSTS), 2.0 * self.l0)
         p = self.particles
         self._first_row = self.domain.first_of(p.rows)
-        self.solver.new_layout(p.rows)
-        if self.velocity_solver is not None:
-            self.velocity_solver.new_layout(p.rows)
-        self._sorted_at = self.step_number
+        for solver in self.solvers:
+            solver.new_layout(p.rows)
+        self._sorted_at, self._blocks = self.step_number, None
         self.floating, self._check_floating = Floating(np.full(0, -1), 0), True
         self.rebuild_halo()
 
     def rebuild_halo(self):
-        """Find the halo anew, and size the arrays of the step."""
+        """Find the halo anew, number the rows of the pressure equation in it, and size the arrays of the step."""
         p = self.particles
         if len(p) != p.owned:
             p.resize(p.owned)
-        self.domain.build_halo(p, self.halo_width)
+        self.domain.build_halo(p, self.halo_reach + HALO_MARGIN * self.l0)
         self.work = Work(p.rows, len(p), self.liquids)
-        self._blocks = None
+        self.row = np.full(len(p), -1, np.int64)
+        self.row[: p.rows] = self._first_row + np.arange(p.rows)
+        self.domain.exchange(self.row)
+        beyond = np.flatnonzero(self.row[p.owned :] >= 0) + p.owned
+        beyond = beyond[np.argsort(self.row[beyond])]
         self.column = np.full(len(p), -1, np.int32)
-        self.column[: p.rows] = self._first_row + np.arange(p.rows)
-        self.domain.exchange(self.column)
-        self._halo_position = p.position[: p.owned].copy()
-        self._stale = False
-
-    def halo_is_stale(self):
-        """Whether some particle of any rank may have left the margin of the halo."""
-        return self._stale
+        self.column[beyond] = np.arange(len(beyond))
+        for solver in self.solvers:
+            solver.new_halo(self.row[beyond])
 
     def balance(self):
         """Distribute the particles anew where the ranks' costs have drifted apart, or the order has."""
@@ -346,7 +345,7 @@ class Simulation:
     # Time
 
     def choose_step(self, until, request=0):
-        """Choose the time step by the present state, and learn whether the halo still reaches far enough.
+        """Choose the time step by the present state, and hear what the ranks want.
 
         Parameters
         ----------
@@ -366,12 +365,7 @@ class Simulation:
             On all ranks: a velocity is not finite.
         """
         p = self.particles
-        largest = [
-            greatest_speed(p.velocity, p.liquid),
-            greatest_distance(p.position, self._halo_position) if self.domain.size > 1 else 0.0,
-            request,
-        ]
-        speed, moved, request = self.domain.max(np.array(largest, float))
+        speed, request = self.domain.max(np.array([greatest_speed(p.velocity, p.liquid), request], float))
         if not math.isfinite(speed):
             raise DivergedError(f"a velocity is not finite at t = {self.time:g} s, step {self.step_number}")
         self.frame = self.motion.at(self.time)
@@ -404,8 +398,6 @@ class Simulation:
         self.suction = float(self.liquids.density.max()) * (0.5 * speed**2 + strength * length)
         if self.liquids.tension is not None:
             self.suction += float(self.liquids.tension.max()) / self.l0
-        # Two particles of different ranks may approach each other, and move once more before the next look.
-        self._stale = 2.0 * (moved + speed * self.dt) > HALO_MARGIN * self.l0
         return int(request)
 
     def _head(self):
@@ -478,9 +470,8 @@ class Simulation:
 
     def close(self):
         """Free the solvers."""
-        self.solver.close()
-        if self.velocity_solver is not None:
-            self.velocity_solver.close()
+        for solver in self.solvers:
+            solver.close()
 
     # Sums over the liquid
 

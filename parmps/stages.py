@@ -240,10 +240,10 @@ def viscosity_matters(job):
 def refresh_halo(sim):
     """Send what neighbouring ranks need to know of this rank's particles.
 
-    The halo is found anew when particles may have moved further than its margin.
+    The halo is found anew when particles have come near that are not in it.
     """
     p = sim.particles
-    if sim.halo_is_stale():
+    if sim.domain.halo_is_stale(p, sim.halo_reach):
         sim.rebuild_halo()
     else:
         sim.domain.exchange(p.position, p.velocity, p.acceleration, p.pressure)
@@ -531,7 +531,7 @@ def solve_pressure(sim):
         if s.surface == "dirichlet":  # their links are eliminated, so that the next ones hold the rest
             held = np.empty_like(held)
             density.spread(w.surface, *sim.pairs.lists, p.rows, held)
-        sim.floating = floating_components(sim.domain, sim.column, blocks, held)
+        sim.floating = floating_components(sim.domain, sim.row, sim.column, blocks, held)
     sim.floating.fix(sim.domain, blocks, w.rhs, p.pressure[: p.rows])
     p.pressure[: p.rows] = sim.solver.solve(blocks, w.rhs, p.pressure[: p.rows])
     sim.floating.level(sim.domain, p.pressure[: p.rows])

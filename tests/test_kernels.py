@@ -626,11 +626,9 @@ def test_acceleration_and_its_next_prediction():
     np.testing.assert_array_equal(acceleration[25:], got[25:])
 
 
-def test_greatest_speed_and_distance():
-    rng = np.random.default_rng(6)
-    v, x, before = rng.normal(size=(3, 40, 3))
+def test_greatest_speed():
+    v = np.random.default_rng(6).normal(size=(40, 3))
     assert velocity.greatest_speed(v, 30) == pytest.approx(np.linalg.norm(v[:30], axis=1).max())
-    assert velocity.greatest_distance(x, before[:30]) == pytest.approx(np.linalg.norm((x - before)[:30], axis=1).max())
     for wrong in (np.nan, np.inf, -np.inf):
         v[7, 1] = wrong
         assert velocity.greatest_speed(v, 30) == np.inf

@@ -5,10 +5,10 @@ neighbours, and predicts the time of a step from them:
 
 - work: the measured core-time a particle, times the largest share of the cost, plus `HALO_WORK` for each particle of
   the halo, which is sorted and searched but gets no row;
-- halo: the exchanges of a step, as counted in a run on two ranks; now and then it is found anew, for which each rank
-  learns all ranks' boxes;
-- multigrid: each iteration of CG has a product and, on each level, `SWEEPS` exchanges with those neighbours that the
-  matrix couples; the coarsest level is gathered and spread over all ranks;
+- halo: the exchanges of a step, as counted in a run on two ranks, and a look at all ranks' boxes, whether it must be
+  found anew;
+- multigrid: each iteration of CG has a product and, on each level, `SWEEPS` exchanges of the rows in the halo; the
+  coarsest level is gathered and spread over all ranks;
 - sums: `DOTS` reductions an iteration, and those of the step itself;
 - bisection: the reductions of a new distribution over the steps between two.
 
@@ -42,7 +42,7 @@ from parmps.checkpoint import read_header, read_slabs  # noqa: E402
 from parmps.domain import BISECTIONS, Domain  # noqa: E402
 from parmps.loader import load_job  # noqa: E402
 from parmps.particles import FLUID, WALL  # noqa: E402
-from parmps.simulation import COSTS, SORT_EVERY, Simulation  # noqa: E402
+from parmps.simulation import COSTS, HALO_MARGIN, SORT_EVERY, Simulation  # noqa: E402
 
 HALO_WORK = 0.05
 """Work of a halo particle over that of an owned one: as the bisection weighs dummies."""
@@ -100,7 +100,7 @@ def count(state, part, parts):
         np.bincount(part, minlength=parts),
         np.bincount(part, state.weight, parts),
         *_count_halo(state.position, part, parts, state.width),
-        *_count_halo(state.position[state.row], part[state.row], parts, state.reach),
+        *_count_halo(state.position[state.row], part[state.row], parts, state.width),
     )
 
 
@@ -135,15 +135,14 @@ class State(NamedTuple):
         Costs.
     row : (n,) bool
         Whether the particle has a row in the matrix.
-    width, reach : float, m
-        Of the halo, and of the matrix.
+    width : float
+        Of the halo, m.
     """
 
     position: np.ndarray
     weight: np.ndarray
     row: np.ndarray
     width: float
-    reach: float
 
 
 def load_state(job, checkpoint, domain):
@@ -166,8 +165,8 @@ def load_state(job, checkpoint, domain):
     if checkpoint is not None:
         arrays = read_slabs(checkpoint, range(len(read_header(checkpoint).slabs)))
         position, kind = arrays["position"], arrays["kind"]
-    reach = job.scheme.laplacian_radius * sim.l0
-    return State(position, np.choose(kind, COSTS), (kind == FLUID) | (kind == WALL), sim.halo_width, reach)
+    width = sim.halo_reach + HALO_MARGIN * sim.l0
+    return State(position, np.choose(kind, COSTS), (kind == FLUID) | (kind == WALL), width)
 
 
 def measure_traffic():
@@ -261,7 +260,8 @@ def predict(counts, ranks, options, flows):
     return {
         "work": options.cost * (counts.owned.mean() * counts.cost.max() / counts.cost.mean() + HALO_WORK * halo),
         "halo": flows["exchanges"] * exchange(neighbours, flows["bytes"] * halo / flows["exchanges"])
-        + flows["halos"] * (2.0 * exchange(neighbours, 0.5 * HALO_BYTES * halo) + reduction(48.0 * ranks)),
+        + flows["halos"] * 2.0 * exchange(neighbours, 0.5 * HALO_BYTES * halo)
+        + (1.0 + flows["halos"]) * reduction(48.0 * ranks),
         "multigrid": options.iterations * (smoothing[0] + SWEEPS * sum(smoothing) + 2.0 * reduction(8.0 * COARSEST)),
         "sums": (options.iterations * DOTS + flows["reductions"]) * reduction(),
         "bisection": math.ceil(spread) * (BISECTIONS + 3) * reduction(4.0 * ranks) / SORT_EVERY,

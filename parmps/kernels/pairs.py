@@ -202,13 +202,14 @@ def _keep_before_walls(i, position, normal, liquid, begin, end, other, square):
 
 
 @compiled
-def bounds(position, kind):
-    """Corners of the box around all particles that did not leave the tank.
+def bounds(position, kind, count):
+    """Corners of the box around the first particles that did not leave the tank.
 
     Parameters
     ----------
     position : (n, 3) float64, m
     kind : (n,) int8
+    count : int
 
     Returns
     -------
@@ -217,12 +218,36 @@ def bounds(position, kind):
     """
     box = np.empty((2, 3))
     box[0], box[1] = np.inf, -np.inf
-    for i in range(position.shape[0]):
+    for i in range(count):
         if kind[i] != 3:
             for d in range(3):
                 box[0, d] = min(box[0, d], position[i, d])
                 box[1, d] = max(box[1, d], position[i, d])
     return box
+
+
+@compiled
+def within(position, lower, upper):
+    """Tell which particles are in a box.
+
+    Parameters
+    ----------
+    position : (n, 3) float64, m
+    lower, upper : (3,) float64, m
+        Its corners, which belong to it.
+
+    Returns
+    -------
+    (n,) bool
+    """
+    inside = np.empty(position.shape[0], np.bool_)
+    for i in range(position.shape[0]):
+        x, y, z = position[i, 0], position[i, 1], position[i, 2]
+        # no `and`: every particle does all comparisons, without a branch
+        inside[i] = (
+            (lower[0] <= x) & (x <= upper[0]) & (lower[1] <= y) & (y <= upper[1]) & (lower[2] <= z) & (z <= upper[2])
+        )
+    return inside
 
 
 @compiled

@@ -75,7 +75,7 @@ def poisson_rows(
     pressure : (n,) float64, Pa
         Of the step before.
     column : (n,) int32
-        Global row number of each particle, -1 for none.
+        Column of each particle of the halo.
     first, last, other
         Neighbour lists.
     strength : (pairs,) float64, 1/m2
@@ -96,7 +96,7 @@ def poisson_rows(
     columns, values : (capacity,) int32 and float64
         Filled: the matrix among this rank's rows, with local columns.
     halo_first, halo_columns, halo_values
-        Filled: the rest of the matrix, with global columns.
+        Filled: the rest of the matrix, with the columns of ``column``.
     at_diagonal : (rows,) int32
         Filled: where in ``values`` the diagonal is.
     rhs : (rows,) float64

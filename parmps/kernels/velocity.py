@@ -59,28 +59,6 @@ def greatest_speed(velocity, rows):
 
 
 @compiled
-def greatest_distance(position, before):
-    """Greatest distance of particles from where they were.
-
-    Parameters
-    ----------
-    position : (n, 3) float64, m
-    before : (m, 3) float64, m
-        Of the first m particles.
-
-    Returns
-    -------
-    float
-        m.
-    """
-    greatest = 0.0
-    for i in range(before.shape[0]):
-        dx, dy, dz = position[i, 0] - before[i, 0], position[i, 1] - before[i, 1], position[i, 2] - before[i, 2]
-        greatest = max(greatest, dx * dx + dy * dy + dz * dz)
-    return math.sqrt(greatest)
-
-
-@compiled
 def predict(kind, velocity, last, force, limit, dt, out, intermediate):
     """Pressure acceleration grad P / rho to expect: the last one, no further than ``limit`` from the body force.
 

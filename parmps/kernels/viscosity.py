@@ -136,7 +136,7 @@ def viscosity_rows(
     density : (liquids,) float64
         In any unit.
     column : (n,) int32
-        Global row number of each particle, -1 for none.
+        Column of each particle of the halo.
     row_first, columns, values, halo_first, halo_columns, halo_values
         Filled: the matrix in two blocks, as by `poisson_rows`.
     """

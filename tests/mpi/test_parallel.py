@@ -130,6 +130,31 @@ def test_halo_holds_all_within_its_width(comm, dimension):
         domain.exchange(number)
 
 
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_halo_is_stale_once_it_lacks_a_particle(comm, dimension):
+    domain, reach, margin = Domain(comm), 0.1, 0.05
+    particles = cloud(comm, 1200, dimension)
+    particles = domain.distribute(particles, np.ones(particles.owned), 0.1)
+    owned = particles.owned
+    drift = np.random.default_rng(comm.rank).normal(size=(owned, 3)) * [0.004, 0.0 if dimension == 2 else 0.004, 0.004]
+    domain.build_halo(particles, reach + margin)
+    for _ in range(40):
+        particles.position[:owned] += drift
+        domain.exchange(particles.position)
+        everything = everyone(comm, particles)["position"]
+        gap = np.linalg.norm(everything[:, None] - particles.position[None, :owned], axis=2).min(axis=1, initial=np.inf)
+        lacking = comm.allreduce(len(np.setdiff1d(np.flatnonzero(gap < reach), particles.id)))
+        stale = domain.halo_is_stale(particles, reach)
+        assert stale or not lacking
+        if stale:
+            break
+    assert stale == (comm.size > 1)
+    if comm.size > 1:
+        particles.resize(owned)
+        domain.build_halo(particles, reach + margin)
+        assert not domain.halo_is_stale(particles, reach)
+
+
 @pytest.mark.parametrize("count", [0, 1, 3])
 def test_ranks_without_particles(comm, count):
     domain = Domain(comm)
