@@ -32,7 +32,6 @@ class Floating:
         self.count, self._held = count, held
         self._rows = np.flatnonzero(label >= 0)
         self._label = label[self._rows]
-        self._alone = np.zeros(len(self._rows), bool)
 
     def outdated(self, domain, surface):
         """Whether a part has got a free surface since, or the rest of the liquid has got or lost its own.
@@ -50,9 +49,7 @@ class Floating:
         -------
         bool
         """
-        rest = np.ones(len(surface), bool)
-        rest[self._rows] = False
-        opened, held = domain.max(np.array([surface[self._rows].any(), surface[rest].any()], float))
+        opened, held = domain.max(np.array([surface[self._rows].any(), surface.any()], float))
         return opened > 0.0 or (held > 0.0) != self._held
 
     def fix(self, domain, blocks, rhs, pressure):
@@ -78,9 +75,10 @@ class Floating:
         sums = np.empty(len(rhs))
         row_sums(blocks.first, blocks.values, blocks.halo_first, blocks.halo_values, sums)
         held = sums * pressure
-        self._alone = (np.diff(blocks.first) + np.diff(blocks.halo_first))[self._rows] == 1
-        alone, rows, label = self._rows[self._alone], self._rows[~self._alone], self._label[~self._alone]
-        rhs[alone] = held[alone]
+        alone = (np.diff(blocks.first) + np.diff(blocks.halo_first))[self._rows] == 1
+        self._alone, self._linked = self._rows[alone], (self._rows[~alone], self._label[~alone])
+        rhs[self._alone] = held[self._alone]
+        rows, label = self._linked
         sums = domain.sum(
             np.array(
                 [np.bincount(label, (rhs - held)[rows], self.count), np.bincount(label, minlength=self.count)],
@@ -92,7 +90,7 @@ class Floating:
         rhs[rows] += softly * pressure[rows] - (sums[0] / np.maximum(sums[1], 1.0))[label]
 
     def level(self, domain, pressure):
-        """Set the least pressure of each part to zero, and that of rows without links.
+        """Set the least pressure of each part to zero, and that of rows without links, as `fix` found them.
 
         Parameters
         ----------
@@ -102,8 +100,8 @@ class Floating:
         """
         if self.count == 0:
             return
-        pressure[self._rows[self._alone]] = 0.0
-        rows, label = self._rows[~self._alone], self._label[~self._alone]
+        pressure[self._alone] = 0.0
+        rows, label = self._linked
         least = np.full(self.count, np.inf)
         np.minimum.at(least, label, pressure[rows])
         pressure[rows] -= domain.min(least)[label]
