@@ -1,4 +1,4 @@
-"""Even arrangements of particles next to walls that no lattice fits."""
+"""Even arrangements of particles next to walls and interfaces that no lattice fits."""
 
 from dataclasses import dataclass
 
@@ -22,8 +22,8 @@ LARGEST = 0.1
 """Way of a particle in one step, in spacings."""
 BAND = 4.0
 """Distance from the walls beyond which the lattice is kept, in spacings."""
-CLEARANCE = {"half": 0.3, "line": 0.8}
-"""Least distance from a wall, in spacings."""
+CLEARANCE = {"half": 0.3, "line": 0.8, "interface": 0.4}
+"""Least distance from a wall or from an interface, in spacings."""
 
 
 @dataclass(frozen=True)
@@ -157,6 +157,45 @@ def pack(movable, fixed, spacing, distance, clearance, low, high):
             gap, normal = distance(at)
             at += np.maximum(clearance - gap, 0.0)[:, None] * normal
         at[:, -1] = np.clip(at[:, -1], low, high)
+    return at
+
+
+def pack_around(points, inside, spheres, spacing):
+    """Move particles near spheres, or circles, until those on either side stand evenly along them.
+
+    Parameters
+    ----------
+    points : (n, d) float64, m
+        All within `BAND` spacings of a sphere, and their neighbours, which stay.
+    inside : (n, spheres) bool
+        In which sphere each point is to be.
+    spheres : sequence of (centre, radius)
+        (d,) float64 and float, m.
+    spacing : float, m
+
+    Returns
+    -------
+    (n, d) float64, m
+    """
+    side = np.where(inside, 1.0, -1.0)
+
+    def gaps(at):
+        offset = np.stack([at - centre for centre, _ in spheres], axis=1)
+        r = np.maximum(np.linalg.norm(offset, axis=2), 1e-3 * spacing)
+        return np.array([radius for _, radius in spheres]) - r, offset / r[:, :, None]
+
+    moves = (np.abs(gaps(points)[0]) < BAND * spacing).any(axis=1)
+    side, rows = side[moves], np.arange(np.count_nonzero(moves))
+
+    def distance(at):
+        depth, outwards = gaps(at)
+        nearest = np.argmin(side * depth, axis=1)
+        sign = side[rows, nearest]
+        return sign * depth[rows, nearest], -sign[:, None] * outwards[rows, nearest]
+
+    at, anywhere = points.copy(), np.full(len(rows), np.inf)
+    clearance = CLEARANCE["interface"] * spacing
+    at[moves] = pack(points[moves], points[~moves], spacing, distance, clearance, -anywhere, anywhere)
     return at
 
 

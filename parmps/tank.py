@@ -2,6 +2,7 @@
 
 import itertools
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import h5py
 import numpy as np
@@ -11,6 +12,7 @@ from parmps import waves
 from parmps.errors import InputError
 from parmps.kernels.walls import distances
 from parmps.lattice import ROUNDING, Geometry, build_geometry, distance_to_box
+from parmps.packing import BAND, REACH, pack_around
 
 FLUID, WALL, DUMMY = 0, 1, 2
 """Kinds of particles."""
@@ -116,7 +118,8 @@ def place(job, wall, part=0, parts=1, layers=3):
     geometry = build_geometry(job, wall, layers)
     walls = _place_walls(geometry)
     read = _read_initial(job, geometry) if job.initial.kind == "file" else None
-    counts = np.bincount(read["fluid"], minlength=len(job.fluids)) if read else _count_fluids(job, geometry)
+    rounded = None if read else _round_interfaces(job, geometry)
+    counts = np.bincount(read["fluid"], minlength=len(job.fluids)) if read else _count_fluids(job, geometry, rounded)
     total_fluid = int(counts.sum())
     if total_fluid == 0:
         raise InputError("fluids", f"no particle fits at the spacing of {job.spacing:g} m")
@@ -126,7 +129,7 @@ def place(job, wall, part=0, parts=1, layers=3):
     if read:
         liquid = {name: read[name][share.start : share.stop] for name in ("position", "fluid")}
     else:
-        liquid = _place_fluids(job, geometry, share)
+        liquid = _place_fluids(job, geometry, share, rounded)
     n = len(liquid["fluid"])
     volume = np.array(
         [_filled_volume(job, geometry, k, count) / max(count, 1) for k, count in enumerate(counts)]
@@ -224,14 +227,95 @@ def _sites(job, geometry):
     return packed.layer[chosen], len(along) * len(points), locate
 
 
-def _chunks(job, geometry, start=0):
-    """Yield the liquid on its sites, a bounded number of them at a time: position and fluid."""
+def _site_chunks(job, geometry, start=0):
+    """Yield a bounded number of sites at a time: their numbers, positions, and liquids, -1 for none."""
     layers, size, locate = _sites(job, geometry)
     for first in range(start, size, CHUNK):
         index = np.arange(first, min(first + CHUNK, size))
         position = locate(index)
-        fluid = _fluid_at(job, geometry, position, layers[index % len(layers)])
+        yield index, position, _fluid_at(job, geometry, position, layers[index % len(layers)])
+
+
+def _chunks(job, geometry, rounded, start=0):
+    """Yield the liquid, from a bounded number of sites at a time: position and fluid."""
+    for index, position, fluid in _site_chunks(job, geometry, start):
+        if rounded is not None:
+            here = (rounded.site >= index[0]) & (rounded.site <= index[-1])
+            at = rounded.site[here] - index[0]
+            position[at], fluid[at] = rounded.position[here], rounded.fluid[here]
         yield position[fluid >= 0], fluid[fluid >= 0]
+
+
+class Rounded(NamedTuple):
+    """Particles that do not stand on their sites.
+
+    Attributes
+    ----------
+    site : (n,) int64
+    position : (n, 3) float64, m
+    fluid : (n,) int8
+    """
+
+    site: np.ndarray
+    position: np.ndarray
+    fluid: np.ndarray
+
+
+def _round_interfaces(job, geometry):
+    """Even out the particles around discs and balls with surface tension, or None where there are none.
+
+    The lattice makes staircases of them, which have a curvature of their own: a drop of 20 spacings oscillates 14 %
+    too slowly. Near walls, and where the liquid around does not reach far enough, the lattice is kept.
+    """
+    tense = [frozenset(interface.between) for interface in job.interfaces if interface.surface_tension > 0.0]
+    spheres = {
+        number: fluid.region.disc or fluid.region.ball
+        for number, fluid in enumerate(job.fluids)
+        if fluid.region is not None and not fluid.region.box and any(fluid.name in pair for pair in tense)
+    }
+    if not spheres:
+        return None
+    axes, l0 = [0, 2] if geometry.dimension == 2 else [0, 1, 2], geometry.spacing
+
+    def depth(position, sphere):
+        return sphere.radius - np.linalg.norm(position[:, axes] - sphere.centre, axis=1)
+
+    pieces, within = [], dict.fromkeys(spheres, 0)
+    for index, position, fluid in _site_chunks(job, geometry):
+        near = np.zeros(len(index), bool)
+        for number, sphere in spheres.items():
+            below = depth(position, sphere)
+            near |= np.abs(below) < (BAND + REACH) * l0
+            within[number] += np.count_nonzero(below >= (BAND + REACH) * l0)
+        pieces.append((index[near], position[near], fluid[near]))
+    site, position, fluid = (np.concatenate(arrays) for arrays in zip(*pieces, strict=True))
+    gap = distances(position, geometry.walls._replace(open_top=False))[0]
+    inside = {}
+    for number, sphere in spheres.items():
+        below = depth(position, sphere)
+        near = np.flatnonzero(np.abs(below) < (BAND + REACH) * l0)
+        around = {frozenset((job.fluids[number].name, job.fluids[k].name)) for k in set(fluid[near]) - {number}}
+        if (fluid[near] < 0).any() or gap[near].min(initial=np.inf) < REACH * l0 or not around <= set(tense):
+            continue
+        # those nearest to the centre, as many as the content asks for
+        count = round(_ball(geometry, sphere.radius) / l0**geometry.dimension) - within[number]
+        order = near[np.lexsort((site[near], -np.rint(below[near] / (ROUNDING * l0))))]
+        chosen, others = order[:count], order[count:]
+        lost = others[fluid[others] == number]
+        others = others[fluid[others] != number]
+        fluid[lost] = fluid[others[cKDTree(position[others]).query(position[lost])[1]]]
+        fluid[chosen] = number
+        inside[number] = fluid == number
+    if not inside:
+        return None
+    balls = [(np.array(spheres[number].centre), spheres[number].radius) for number in inside]
+    position[:, axes] = pack_around(position[:, axes], np.stack(list(inside.values()), axis=1), balls, l0)
+    return Rounded(site, position, fluid)
+
+
+def _ball(geometry, radius):
+    """Content of a ball, m3, or a disc, m2."""
+    return np.pi * radius**2 if geometry.dimension == 2 else 4 / 3 * np.pi * radius**3
 
 
 def _fluid_at(job, geometry, position, layer):
@@ -284,19 +368,19 @@ def _in_region(geometry, region, position):
     return ((position > low + shift) & (position < high + shift)).all(axis=1)
 
 
-def _count_fluids(job, geometry):
+def _count_fluids(job, geometry, rounded):
     """Particles of each liquid: (fluids,) int64."""
     if _all_filled(job, geometry):
         layers, size, _ = _sites(job, geometry)
         return np.bincount(layers, minlength=len(job.fluids)) * (size // len(layers))
-    return sum(np.bincount(fluid, minlength=len(job.fluids)) for _, fluid in _chunks(job, geometry))
+    return sum(np.bincount(fluid, minlength=len(job.fluids)) for _, fluid in _chunks(job, geometry, rounded))
 
 
-def _place_fluids(job, geometry, share):
+def _place_fluids(job, geometry, share, rounded):
     """Fluid particles with ids in a range."""
     positions, fluids = [np.empty((0, 3))], [np.empty(0, np.int8)]
     before = share.start if _all_filled(job, geometry) else 0
-    for position, fluid in _chunks(job, geometry, before) if len(share) else ():
+    for position, fluid in _chunks(job, geometry, rounded, before) if len(share) else ():
         part = slice(max(share.start - before, 0), max(share.stop - before, 0))
         positions.append(position[part])
         fluids.append(fluid[part])
@@ -328,7 +412,7 @@ def _filled_volume(job, geometry, number, count):
     if _volume_outside(low, high, geometry.walls.solids) < whole:
         # what a baffle cuts out of a ball has no simple volume
         return count * geometry.spacing**geometry.dimension
-    return np.pi * sphere.radius**2 if geometry.dimension == 2 else 4 / 3 * np.pi * sphere.radius**3
+    return _ball(geometry, sphere.radius)
 
 
 def _site_volume(job, geometry, number):

@@ -143,6 +143,35 @@ def test_regions():
         place(make_job(fluids=fluids.replace("0.5, 0.3]", "0.3, 0.2]")), "half")
 
 
+DROP = (
+    "[{name: drop, region: {disc: {centre: [%g, 0.25], radius: 0.123}}}, {name: bath, depth: 0.5, density: 900}]\n"
+    "interfaces: [{between: [drop, bath], surface_tension: %g}]"
+)
+
+
+def test_particles_stand_evenly_along_a_drop_with_surface_tension():
+    unevenness = {}
+    for tension in (0.0, 0.05):
+        p = place(make_job(spacing=0.01, fluids=DROP % (0.4, tension)), "half")
+        at, drop = p.position[: p.total_fluid], p.fluid[: p.total_fluid] == 0
+        gap = (np.hypot(at[:, 0] - 0.4, at[:, 2] - 0.25) - 0.123) / p.spacing
+        unevenness[tension] = np.array([np.std(gap[drop & (gap > -0.9)]), np.std(gap[~drop & (gap < 0.9)])])
+    assert np.count_nonzero(drop) == round(np.pi * 0.123**2 / p.spacing**2)
+    assert gap[drop].max() == pytest.approx(-0.4, abs=0.01) and gap[~drop].min() == pytest.approx(0.4, abs=0.01)
+    assert np.all(unevenness[0.05] < 0.5 * unevenness[0.0])  # those on the lattice are two rows and more
+    assert cKDTree(at).query(at, 2)[0].max() < 1.2 * p.spacing
+    assert cKDTree(at).query(at, 2)[0][:, 1].min() > 0.8 * p.spacing
+    shares = [place(make_job(spacing=0.01, fluids=DROP % (0.4, 0.05)), "half", part, 7) for part in range(7)]
+    np.testing.assert_array_equal(np.concatenate([share.position for share in shares]), p.position)
+
+
+@pytest.mark.parametrize("fluids", [DROP % (0.4, 0.0), DROP % (0.15, 0.05)], ids=["no tension", "beside a wall"])
+def test_other_drops_keep_the_lattice(fluids):
+    p = place(make_job(spacing=0.01, fluids=fluids), "half")
+    plain = place(make_job(spacing=0.01, fluids="[{name: bath, depth: 0.5}]"), "half")
+    np.testing.assert_array_equal(p.position, plain.position)
+
+
 @pytest.mark.parametrize("baffles", ["", FIN])
 def test_shares_do_not_depend_on_their_number(baffles):
     job = make_job((0.6, 0.31, 0.5), 0.2, 0.02, baffles=baffles)

@@ -5,7 +5,7 @@ import numpy as np
 from parmps.tank import place
 
 TITLE = "Oscillating drop"
-SPACINGS = (0.02,)
+SPACINGS = (0.02, 0.01)
 STRETCH = 0.07
 """Amplitude over the radius."""
 VARIANTS = {f"ratio {ratio}": [f"fluids[1].density={1000 / ratio:g}"] for ratio in (1, 10, 1000)}
