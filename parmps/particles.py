@@ -20,8 +20,9 @@ FIELDS = {
 }
 """Name: (type, shape) of what a particle carries from step to step, and from rank to rank.
 
-``acceleration`` is grad P / rho of the last step, in m/s2; ``compression`` the last volume error, n/n0 - 1;
-``parent`` the id of the wall particle that a dummy stands behind; ``normal`` and ``depth`` belong to walls.
+``acceleration`` is grad P / rho less the body force, a mean of the last steps, in m/s2; ``compression`` the last volume
+error, n/n0 - 1; ``parent`` the id of the wall particle that a dummy stands behind; ``normal`` and ``depth`` belong to
+walls.
 """
 
 

@@ -252,7 +252,7 @@ def _bound(job, spacing, force, speed):
     plan = make_plan(job, 1)
     if any(stage.name == "viscosity" for stage in (*plan.solve, *plan.move)):
         explicit = VISCOUS_STEP * spacing**2 / liquids.viscous_rate
-        if min(bounds)[0] <= IMPLICIT_GAIN[liquids.several] * explicit:
+        if min(bounds)[0] <= IMPLICIT_GAIN * explicit:
             bounds.append((explicit, f"viscosity: {VISCOUS_STEP:g} l0^2/nu"))
     step, bound = min(bounds)
     every = job.output.probes_every  # reached in a whole number of steps

@@ -41,10 +41,8 @@ WAVE_STEP = 0.2
 """Bound of the step by the liquid's head f h where it moves before its pressure is known: dt <= 0.2 l0 / sqrt(f h)."""
 VISCOUS_STEP = 0.2
 """Bound of the step by explicit viscosity: dt <= 0.2 l0^2 / nu."""
-IMPLICIT_GAIN = {False: 1.5, True: 100.0}
-"""How much longer the step must get for the implicit viscous step, with one liquid and with several. It costs about
-half of another step; but what a step changes in the pressure gradient is not diffused before the next one, which adds
-17 % of error to two layers between plates, one 100 times as viscous, whose steps are 56 explicit ones."""
+IMPLICIT_GAIN = 1.5
+"""How much longer the step must get for the implicit viscous step, which costs about half of another step, to pay."""
 PROJECTIONS = 10
 """How often at most the initial velocity is projected: each time leaves half of what a row has towards its wall."""
 
@@ -383,7 +381,7 @@ class Simulation:
         left = until - self.time
         if "viscosity" in self.seconds:
             explicit = VISCOUS_STEP * self.l0**2 / self.liquids.viscous_rate
-            self.implicit = min(*bounds, left) > IMPLICIT_GAIN[self.liquids.several] * explicit
+            self.implicit = min(*bounds, left) > IMPLICIT_GAIN * explicit
             if not self.implicit:
                 bounds.append(explicit)
         steps = max(math.ceil(left / min(bounds) * (1.0 - 1e-9)), 1)

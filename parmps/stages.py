@@ -353,13 +353,14 @@ def smooth_density(sim):
 def predict(sim):
     """Intermediate velocity v* = v + dt (f - a), with a the predicted acceleration by the pressure.
 
-    a is what the pressure equation balances link by link: the pressure gradient over rho of the last steps where
-    the flow is smooth, the body force where it is not. The nearer it is to the coming one, the less the splitting of
-    the pressure equation (Laplacian against divergence of the gradient) is felt.
+    a is what the pressure equation balances link by link: the body force and, where the flow is smooth, what the
+    pressure gradient over rho of the last steps was beyond it. The nearer a is to the coming one, the less is felt of
+    the splitting of the pressure equation (Laplacian against divergence of the gradient), and of that from viscosity:
+    what the pressure gradient has beyond a comes after the viscous step, and moves liquid along the walls.
     """
     p, w = sim.particles, sim.work
     sim.evaluate_body_force()
-    limit = 0.0 if sim.step_number == 0 else sim.scheme.predictor_limit * np.linalg.norm(sim.frame.force)
+    limit = sim.scheme.predictor_limit * np.linalg.norm(sim.frame.force)
     velocity.predict(p.kind, p.velocity, p.acceleration, w.force, limit, sim.dt, w.link_force, w.intermediate)
 
 
@@ -565,7 +566,8 @@ def accelerate(sim):
         sim.liquids.sheet,
         *((None, None) if w.near_interface is None else (w.near_interface.slips, w.near_interface.normal)),
     )
-    velocity.accelerate(w.intermediate, w.change, w.link_force, sim.dt, p.liquid, p.acceleration, p.velocity)
+    change = (w.intermediate, w.change, w.link_force, w.force)
+    velocity.accelerate(*change, sim.dt, p.liquid, p.acceleration, p.velocity)
     sim.count_work()
 
 

@@ -607,9 +607,8 @@ def test_predicted_acceleration_keeps_its_distance_from_the_body_force():
     kind[-1] = WALL
     out, star = np.zeros((50, 3)), np.full((50, 3), np.nan)
     velocity.predict(kind, v, last, force, 1.0, 0.1, out, star)
-    away = last - force
-    size = np.linalg.norm(away, axis=1)
-    np.testing.assert_allclose(out, force + away * np.minimum(1.0, 1.0 / size)[:, None], atol=1e-14)
+    size = np.linalg.norm(last, axis=1)
+    np.testing.assert_allclose(out, force + last * np.minimum(1.0, 1.0 / size)[:, None], atol=1e-14)
     np.testing.assert_allclose(star[:-1], (v + 0.1 * (force - out))[:-1], atol=1e-14)
     assert not star[-1].any()
     velocity.predict(kind, v, last, force, 0.0, 0.1, out, star)
@@ -618,11 +617,11 @@ def test_predicted_acceleration_keeps_its_distance_from_the_body_force():
 
 def test_acceleration_and_its_next_prediction():
     rng = np.random.default_rng(5)
-    star, change, predicted, got = rng.normal(size=(4, 30, 3))
+    star, change, predicted, force, got = rng.normal(size=(5, 30, 3))
     velocity_before, acceleration = np.zeros((30, 3)), got.copy()
-    velocity.accelerate(star, change, predicted, 0.1, 25, acceleration, velocity_before)
+    velocity.accelerate(star, change, predicted, force, 0.1, 25, acceleration, velocity_before)
     np.testing.assert_allclose(velocity_before[:25], (star + change + 0.1 * (predicted - got))[:25], atol=1e-14)
-    np.testing.assert_allclose(acceleration[:25], 0.5 * (predicted + got)[:25], atol=1e-15)
+    np.testing.assert_allclose(acceleration[:25], (0.5 * (predicted + got) - force)[:25], atol=1e-15)
     np.testing.assert_array_equal(acceleration[25:], got[25:])
 
 

@@ -287,6 +287,29 @@ def test_a_vortex_in_a_box_decays_as_stokes_first_mode(start, tmp_path, steps, i
     assert measured == pytest.approx(expected, rel=0.03)
 
 
+def test_syrup_between_plates_does_not_slip_at_long_steps(start, tmp_path):
+    """A long full tank turned ever faster: nu u'' = 2 a z without net flux, while gravity turns from step to step."""
+    height, viscosity, alpha, end = 0.1, 0.1, 2.0, 0.3
+    path = tmp_path / "spin.csv"
+    rows = (f"{t},{np.degrees(0.5 * alpha * t * t)}\n" for t in 0.01 * np.arange(32))
+    path.write_text("time [s],roll [deg]\n" + "".join(rows))
+    sim = start(
+        f"dimension: 2\nspacing: {height / 20}\ntank: {{size: [0.3, {height}]}}\n"
+        f"fluids: [{{name: syrup, depth: {height}, kinematic_viscosity: {viscosity}}}]\n"
+        f"motion: [{{kind: file, path: {path}, centre: [0.15, 0.05]}}]\n"
+        f"time: {{end: {end}}}\noutput: {{probes_every: {end}}}\n"
+    )
+    while sim.time < end:
+        sim.step(end)
+    assert sim.dt * viscosity / sim.l0**2 > 10.0  # 50 explicit steps
+    p = sim.particles
+    x, z = p.position[: p.liquid, 0], p.position[: p.liquid, 2] - 0.5 * height
+    middle = np.abs(x - 0.15) < 0.025
+    expected = -alpha / (3.0 * viscosity) * z * (0.25 * height**2 - z * z)
+    error = p.velocity[: p.liquid, 0] - expected
+    assert np.sqrt(np.mean(error[middle] ** 2)) < 0.05 * np.sqrt(np.mean(expected[middle] ** 2))
+
+
 def test_a_tilted_full_tank_has_the_pressure_of_the_turned_gravity(start, tmp_path):
     """Positive roll turns the right end down, so that gravity points to the right in the tank."""
     path = tmp_path / "tilt.csv"

@@ -60,14 +60,14 @@ def greatest_speed(velocity, rows):
 
 @compiled
 def predict(kind, velocity, last, force, limit, dt, out, intermediate):
-    """Pressure acceleration grad P / rho to expect: the last one, no further than ``limit`` from the body force.
+    """Pressure acceleration grad P / rho to expect: the body force and what it last was beyond that, up to ``limit``.
 
     Parameters
     ----------
     kind : (n,) int8
     velocity : (n, 3) float64, m/s
     last, force : (n, 3) float64, m/s2
-        The last grad P / rho, and the body force.
+        The last grad P / rho less the body force of its time, and the present body force.
     limit : float
         m/s2.
     dt : float
@@ -78,18 +78,15 @@ def predict(kind, velocity, last, force, limit, dt, out, intermediate):
         Filled: the velocity at the end of the step if the body force and ``out`` were all that acts; 0 but for fluid.
     """
     for i in range(out.shape[0]):
-        dx, dy, dz = last[i, 0] - force[i, 0], last[i, 1] - force[i, 1], last[i, 2] - force[i, 2]
-        size = math.sqrt(dx * dx + dy * dy + dz * dz)
-        share = 0.0 if limit == 0.0 else min(1.0, limit / max(size, 1e-300))
-        out[i, 0] = force[i, 0] + share * dx
-        out[i, 1] = force[i, 1] + share * dy
-        out[i, 2] = force[i, 2] + share * dz
+        size = math.sqrt(last[i, 0] ** 2 + last[i, 1] ** 2 + last[i, 2] ** 2)
+        share = min(1.0, limit / max(size, 1e-300))
         for d in range(3):
-            intermediate[i, d] = velocity[i, d] + dt * (force[i, d] - out[i, d]) if kind[i] == 0 else 0.0
+            out[i, d] = force[i, d] + share * last[i, d]
+            intermediate[i, d] = velocity[i, d] - dt * share * last[i, d] if kind[i] == 0 else 0.0
 
 
 @compiled
-def accelerate(intermediate, change, predicted, dt, rows, acceleration, velocity):
+def accelerate(intermediate, change, predicted, force, dt, rows, acceleration, velocity):
     """New velocity v = v* + change + dt (a - grad P / rho), and the next prediction of grad P / rho.
 
     That is the mean of this prediction a and what came of it: with the latter alone, rows next to a ragged
@@ -101,20 +98,20 @@ def accelerate(intermediate, change, predicted, dt, rows, acceleration, velocity
         v*.
     change : (rows, 3) float64, m/s
         By damping.
-    predicted : (n, 3) float64, m/s2
-        a.
+    predicted, force : (n, 3) float64, m/s2
+        a, and the body force.
     dt : float
         s.
     rows : int
     acceleration : (n, 3) float64, m/s2
-        grad P / rho; replaced by the next prediction.
+        grad P / rho; replaced by the next prediction less the body force.
     velocity : (n, 3) float64, m/s
         Filled for the rows.
     """
     for i in range(rows):
         for d in range(3):
             velocity[i, d] = intermediate[i, d] + change[i, d] + dt * (predicted[i, d] - acceleration[i, d])
-            acceleration[i, d] = 0.5 * (acceleration[i, d] + predicted[i, d])
+            acceleration[i, d] = 0.5 * (acceleration[i, d] + predicted[i, d]) - force[i, d]
 
 
 @njit(inline="always")
