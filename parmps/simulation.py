@@ -150,8 +150,8 @@ class Simulation:
         self.velocity_solver = VelocitySolver(domain.comm) if "viscosity" in self.seconds else None
         reach = max(scheme.radius, scheme.laplacian_radius) * self.l0
         moved = scheme.position == "moved"
-        self.pairs = Pairs(reach, self.geometry.walls.solids, wall_pairs=moved)
-        self.wide_pairs = Pairs(scheme.volume_radius * self.l0, self.geometry.walls.solids, wall_rows=False)
+        self.pairs = Pairs(reach, self.geometry.obstacles, wall_pairs=moved)
+        self.wide_pairs = Pairs(scheme.volume_radius * self.l0, self.geometry.obstacles, wall_rows=False)
         wide = scheme.volume_radius if scheme.volume_time is not None else 0.0
         self.halo_width = (max(scheme.radius, scheme.laplacian_radius, wide) + HALO_MARGIN) * self.l0
         arrays = {
