@@ -243,13 +243,12 @@ class Simulation:
             return
         self.choose_step(self.job.time.max_step or self.job.output.probes_every)
         self.suction = math.inf  # an impulse has no bound
-        self.frame = self.frame._replace(
-            force=np.zeros(3), alpha=np.zeros(3), omega=np.zeros(3)
-        )
+        self.frame = self.frame._replace(force=np.zeros(3), alpha=np.zeros(3))
         for _ in range(PROJECTIONS):
             velocity, energy = p.velocity[: p.liquid].copy(), self.kinetic_energy()
             for stage in self.plan.project:
                 stage.run(self)
+            self.frame = self.frame._replace(velocity=np.zeros(3), omega=np.zeros(3))  # the tank jolts once
             pressure_gradient(self)
             p.velocity[: p.liquid] = velocity - self.dt * p.acceleration[: p.liquid]
             p.pressure[:] = 0.0
