@@ -33,7 +33,7 @@ SUPPORT = 0.8
 """Share of the smooth weight's radius within which its support must be whole: less than 0.1 % of its sum is missing
 where a flat surface is further away."""
 
-VOLUME_SHARE = 0.1
+VOLUME_SHARE = 0.2
 """Share of the volume error to remove per u dt / l0, u the greatest speed, where volume_time is longer than that."""
 
 RESIDUAL_DAMPING = 2.0
