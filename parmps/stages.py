@@ -364,8 +364,9 @@ def predict(sim):
 
 
 def balance_impulse(sim):
-    """Take the tank's jolt and the mean of the other velocity as a body force over one step; leave the rest to its
-    divergence.
+    """Take the tank's jolt and the mean of the other velocity as a body force over one step.
+
+    The rest is left to its divergence.
 
     Pressure balances the body force link by link, so that a jolt of the whole tank is stopped up to the wall. By its
     divergence, a tank that began to pitch left the row beside its floor a third of the jolt.

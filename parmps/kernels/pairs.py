@@ -157,7 +157,9 @@ def find_pairs(
                 if _beside(x, y, z, reach, solids):
                     count = _keep_unhidden(i, position, solids, here, count, other, square)
             elif liquid or group == 0:
-                count = _keep_before_walls(i, position, normal, depth, liquid, reach, solids, here, count, other, square)
+                count = _keep_before_walls(
+                    i, position, normal, depth, liquid, reach, solids, here, count, other, square
+                )
             if group < 2:
                 last[row] = count
         first[row + 1] = count
