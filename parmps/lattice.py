@@ -19,6 +19,7 @@ from parmps.packing import ROUNDING, Arrangement, arrange
 MAX_STRETCH = 0.1  # relative; a lattice stretched more is no longer near the spacing asked for
 INSET = {"half": 0.5, "line": 0.0}  # depth of the wall layer below the wall surface, in spacings
 THINNEST_BAFFLE = 1.1  # in spacings; a thinner one is modelled as thick as this
+SIGHT = 0.2  # in spacings; how near to the edge of a baffle particles see each other past it
 # With wall particles on the wall line, [004] (case 3) resolves a baffle of 1.2 spacings by one column.
 SHEET, SHEET_BELOW = 0.1, 1.5  # in spacings: thickness of such a column, and of what it stands for
 
@@ -195,6 +196,17 @@ class Geometry:
     def inset(self):
         """Depth of the wall layer below the wall surface, m."""
         return INSET[self.wall] * self.spacing
+
+    @property
+    def obstacles(self):
+        """What hides particles from each other: the baffles without their rims, (m, 2, 3) float64, m.
+
+        On the lattice, lines of sight touch the edges of a baffle. With whole baffles, neighbours came and went with
+        every step there, and liquid over an edge was taken for the free surface.
+        """
+        solids = self.walls.solids
+        rim = np.minimum(SIGHT * self.spacing, (solids[:, 1] - solids[:, 0]) / 4)
+        return np.stack([solids[:, 0] + rim, solids[:, 1] - rim], axis=1)
 
 
 def build_geometry(job, wall, layers=3):

@@ -86,6 +86,7 @@ class Pairs:
                 particles.position,
                 particles.kind,
                 particles.normal,
+                particles.depth,
                 begin,
                 end,
                 self._reach,

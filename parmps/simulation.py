@@ -149,8 +149,8 @@ class Simulation:
         self.solvers = [solver for solver in (self.solver, self.velocity_solver) if solver is not None]
         reach = max(scheme.radius, scheme.laplacian_radius) * self.l0
         moved = scheme.position == "moved"
-        self.pairs = Pairs(reach, self.geometry.walls.solids, wall_pairs=moved)
-        self.wide_pairs = Pairs(scheme.volume_radius * self.l0, self.geometry.walls.solids, wall_rows=False)
+        self.pairs = Pairs(reach, self.geometry.obstacles, wall_pairs=moved)
+        self.wide_pairs = Pairs(scheme.volume_radius * self.l0, self.geometry.obstacles, wall_rows=False)
         wide = scheme.volume_radius if scheme.volume_time is not None else 0.0
         self.halo_reach = max(reach, wide * self.l0)
         arrays = {
@@ -240,13 +240,12 @@ class Simulation:
             return
         self.choose_step(self.job.time.max_step or self.job.output.probes_every)
         self.suction = math.inf  # an impulse has no bound
-        self.frame = self.frame._replace(
-            force=np.zeros(3), alpha=np.zeros(3), omega=np.zeros(3)
-        )
+        self.frame = self.frame._replace(force=np.zeros(3), alpha=np.zeros(3))
         for _ in range(PROJECTIONS):
             velocity, energy = p.velocity[: p.liquid].copy(), self.kinetic_energy()
             for stage in self.plan.project:
                 stage.run(self)
+            self.frame = self.frame._replace(velocity=np.zeros(3), omega=np.zeros(3))  # the tank jolts once
             pressure_gradient(self)
             p.velocity[: p.liquid] = velocity - self.dt * p.acceleration[: p.liquid]
             p.pressure[:] = 0.0

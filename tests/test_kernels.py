@@ -67,7 +67,7 @@ def make_case(dimension, noise, baffles="", wall_pairs=False, full=False, seed=1
         shake[:, 1] = 0.0
     p.position[: p.liquid] += shake
     solids = placed.geometry.walls.solids
-    pairs = Pairs(REACH * l0, solids, wall_pairs=wall_pairs)
+    pairs = Pairs(REACH * l0, placed.geometry.obstacles, wall_pairs=wall_pairs)
     pairs.find(p)
     d = (p.position[None, :, :] - p.position[: p.rows, None, :]) / l0
     r = np.linalg.norm(d, axis=2)
@@ -163,6 +163,22 @@ def test_a_particle_that_left_is_nobody_s_neighbour_next_to_a_wall():
     first, other = pairs.lists
     assert first[gone] == first[gone + 1]
     assert gone not in other[: first[-1]]
+
+
+def test_liquid_sees_the_edge_of_a_baffle_from_around_it():
+    """Walls of an edge are neighbours of all liquid around it, and of none behind the baffle."""
+    c = make_case(2, 0.0, POST)
+    low, high = c.solids[0][:, [0, 2]]
+    edge = np.flatnonzero((c.p.kind == WALL) & (np.abs(c.p.normal[:, [0, 2]]) > 0.1).all(axis=1))
+    tip = [i for i in edge if abs(c.p.position[i, 2] - high[1]) < c.l0]
+    assert len(tip) == 2
+    liquid = slice(0, c.p.liquid)
+    for i in tip:
+        x, z = c.p.position[liquid, 0], c.p.position[liquid, 2]
+        same_side = (x - (low[0] + high[0]) / 2) * c.p.normal[i, 0] > 0.0
+        around = c.r[i, liquid] < REACH
+        assert np.array_equal(c.listed[i, liquid], around & (same_side | (z > high[1])))
+        assert np.array_equal(c.listed[i, liquid], c.listed[liquid, i])
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.2])

@@ -68,6 +68,20 @@ def test_water_at_rest_in_two_dimensions(start):
     assert abs(sim.volume_drift()) < 1e-3
 
 
+def test_liquid_over_the_tip_of_a_baffle_is_not_its_surface(start):
+    """On the lattice, lines of sight touch the edges of the tip."""
+    sim = start(
+        "dimension: 2\nspacing: 0.01\ntank: {size: [0.2, 0.3], baffles: [{x: 0.1, bottom: 0, top: 0.1, "
+        "thickness: 0.02}]}\nfluids: [{name: water, depth: 0.2}]\ntime: {end: 1.0}\n"
+    )
+    while sim.time < 0.5:
+        sim.step(1.0)
+        surface = sim.work.surface[: sim.particles.liquid] != 0
+        assert sim.particles.position[: sim.particles.liquid, 2][surface].min() > 0.17
+    march(sim, sim.time + 0.01)
+    check_rest(sim, 0.2, 5e-3, 1e-3)
+
+
 def test_water_at_rest_in_three_dimensions(start):
     sim = start(
         "dimension: 3\nspacing: 0.01\ntank: {size: [0.1, 0.08, 0.1]}\nfluids: [{name: water, depth: 0.06}]\n"
@@ -403,4 +417,4 @@ def test_liquid_in_a_tank_that_starts_to_turn_has_the_flow_of_the_torsion_functi
         w = w + scale * k * (1.0 - np.cosh(y) / end) * np.cos(k * x)
     v = sim.particles.velocity[: sim.particles.liquid]
     error = np.hypot(v[:, 0] + u, v[:, 2] + w) ** 2
-    assert np.sqrt(error.mean() / (u**2 + w**2).mean()) < 0.08
+    assert np.sqrt(error.mean() / (u**2 + w**2).mean()) < 0.01

@@ -64,6 +64,7 @@ def find_pairs(
     position,
     kind,
     normal,
+    depth,
     begin,
     end,
     reach,
@@ -82,8 +83,9 @@ def find_pairs(
 ):
     """List the neighbours of some particles: fluid, then walls, then dummies.
 
-    A wall particle is seen only from the side that its normal points to, and no pair reaches through a solid,
-    so that liquid on the two sides of a thin baffle does not interact.
+    No pair reaches through a solid, so that liquid on the two sides of a thin baffle does not interact. A wall
+    particle is where its surface is, so that one at the edge of a baffle is seen from around it; away from
+    solids it is seen from the side that its normal points to.
 
     Parameters
     ----------
@@ -92,6 +94,8 @@ def find_pairs(
         0 fluid, 1 wall, 2 dummy, 3 out of the tank (has no neighbours).
     normal : (n, 3) float64
         Of walls and dummies, into the liquid.
+    depth : (n,) float64, m
+        Of walls and dummies below their surface.
     begin, end : int
         Range of the particles to find neighbours for: fluid or walls.
     reach : float
@@ -103,7 +107,7 @@ def find_pairs(
     start, order, at
         As made by `sort_into_cells`.
     solids : (m, 2, 3) float64, m
-        Corners of the baffles.
+        Corners of what hides.
     wall_pairs : bool
         Whether walls are also neighbours of walls; the papers' scheme needs that.
     first : (end - begin + 1,) uint32
@@ -153,7 +157,9 @@ def find_pairs(
                 if _beside(x, y, z, reach, solids):
                     count = _keep_unhidden(i, position, solids, here, count, other, square)
             elif liquid or group == 0:
-                count = _keep_before_walls(i, position, normal, liquid, here, count, other, square)
+                count = _keep_before_walls(
+                    i, position, normal, depth, liquid, reach, solids, here, count, other, square
+                )
             if group < 2:
                 last[row] = count
         first[row + 1] = count
@@ -187,17 +193,20 @@ def _keep_unhidden(i, position, solids, begin, end, other, square):
 
 
 @compiled
-def _keep_before_walls(i, position, normal, liquid, begin, end, other, square):
-    """Drop the pairs of liquid behind a wall, of which one is particle i; return the new end."""
+def _keep_before_walls(i, position, normal, depth, liquid, reach, solids, begin, end, other, square):
+    """Drop the pairs of liquid with walls that it does not see, of which one is particle i; return the new end."""
     count = begin
     for k in range(begin, end):
         j = other[k]
-        wall, sign = (j, -1.0) if liquid else (i, 1.0)
-        height = 0.0
-        for d in range(3):
-            height += sign * (position[j, d] - position[i, d]) * normal[wall, d]
+        wet, wall = (i, j) if liquid else (j, i)
+        x, y, z = position[wet, 0], position[wet, 1], position[wet, 2]
+        at, n, d = position[wall], normal[wall], depth[wall]
+        if _beside(x, y, z, reach, solids):
+            seen = not crosses_solid(x, y, z, at[0] + d * n[0], at[1] + d * n[1], at[2] + d * n[2], solids)
+        else:
+            seen = (x - at[0]) * n[0] + (y - at[1]) * n[1] + (z - at[2]) * n[2] > 0.0
         other[count], square[count] = j, square[k]
-        count += np.uint64(height > 0.0)
+        count += np.uint64(seen)
     return count
 
 
