@@ -77,9 +77,13 @@ class Work:
         One row a row of the pressure equation; see the kernels.
     asymmetry, wet, surface, near, force, link_force, intermediate, gradient
         One row a particle, the halo included.
+    support : None or (count,) float64
+        How far what is around a particle keeps it from moving on its own, from 0 to 1; None where all are whole.
+    weak : (m,) int32
+        The particles of little support.
     """
 
-    def __init__(self, rows, count, liquids):
+    def __init__(self, rows, count, liquids, supported):
         for name, width in (("density", 1), ("source", 1), ("rhs", 1), ("smooth", 1)):
             setattr(self, name, np.zeros(rows * width))
         for name, width in (("lean", 3), ("matrix", 6), ("inverse", 6), ("full", 6)):
@@ -92,6 +96,8 @@ class Work:
         self.surface = np.zeros(count, np.int8)
         self.near = np.zeros(count, np.int8)
         self.nearest = np.empty(rows if liquids.several else 0, np.int32)
+        self.support = np.ones(count) if supported else None
+        self.weak = np.empty(0, np.int32)
         self.bend = None if liquids.tension is None else np.zeros(count)
         self.near_interface = None if liquids.sheet is None else Near(rows, count)
         self.curved = None if liquids.tension is None else Near(rows, count)
@@ -199,7 +205,7 @@ class Simulation:
         if len(p) != p.owned:
             p.resize(p.owned)
         self.domain.build_halo(p, self.halo_width)
-        self.work = Work(p.rows, len(p), self.liquids)
+        self.work = Work(p.rows, len(p), self.liquids, "support" in self.seconds)
         self._blocks = None
         self.column = np.full(len(p), -1, np.int32)
         self.column[: p.rows] = self._first_row + np.arange(p.rows)
