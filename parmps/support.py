@@ -24,7 +24,7 @@ def find_support(sim):
         w.support[: p.liquid] = np.clip(2.0 - 2.0 * size, 0.0, 1.0)
     if w.near_interface is not None:
         links = (w.near_interface.index, *sim.pairs.wet, sim.strength)
-        support.support_by_mass(p.fluid, sim.liquids.share, *links, w.support)
+        support.support_by_mass(p.kind, p.fluid, sim.liquids.share, *links, w.support)
     w.weak = np.flatnonzero(w.support[: p.liquid] < 1.0).astype(np.int32)
 
 

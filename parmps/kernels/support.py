@@ -7,7 +7,7 @@ from parmps.kernels.interface import add_moment
 
 
 @compiled
-def support_by_mass(fluid, share, near, first, last, other, strength, out):
+def support_by_mass(kind, fluid, share, near, first, last, other, strength, out):
     """Reduce the support of particles near interfaces where the mass around them is little.
 
     Parameters
@@ -28,8 +28,11 @@ def support_by_mass(fluid, share, near, first, last, other, strength, out):
     for i in near:
         total = mass = 0.0
         for k in range(first[i], last[i]):
+            j = other[k]
+            if kind[j] != 0:
+                continue
             total += strength[k]
-            mass += strength[k] * min(2.0 * share[fluid[other[k]], fluid[i]], 1.0)
+            mass += strength[k] * min(2.0 * share[fluid[j], fluid[i]], 1.0)
         out[i] = min(out[i], 2.0 * mass / total) if total > 0.0 else 0.0
 
 
