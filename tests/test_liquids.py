@@ -289,12 +289,16 @@ def test_layers_that_overturn_in_a_full_tank_leave_no_gaps(start):
     assert worst < 0.002
 
 
-def test_a_heavy_particle_alone_in_light_liquid(start):
-    """It keeps its momentum but for what the light liquid takes, and must not speed itself up."""
+@pytest.mark.parametrize("depth", [0.2, 0.3])
+def test_a_heavy_particle_alone_in_light_liquid(start, depth):
+    """It keeps its momentum but for what the light liquid takes; no particle may speed itself up.
+
+    In the full tank, those beside the gap behind it did.
+    """
     sim = start(
         "dimension: 2\nspacing: 0.01\ngravity: 0\ntank: {size: [0.4, 0.3]}\ntime: {end: 9.0, cfl: 0.4}\n"
         "fluids: [{name: heavy, region: {box: [[0.1, 0.1], [0.11, 0.11]]}, kinematic_viscosity: 0},"
-        " {name: light, depth: 0.2, density: 1, kinematic_viscosity: 0}]\n"
+        f" {{name: light, depth: {depth}, density: 1, kinematic_viscosity: 0}}]\n"
         "initial: {kind: velocity, fluid: heavy, value: [1, 0]}\n"
     )
     sim.start()
@@ -311,6 +315,40 @@ def test_a_heavy_particle_alone_in_light_liquid(start):
     assert abs(heavy[2]) < 0.02
     left = [sim.mass_sum(p.velocity[: p.liquid, axis]) for axis in (0, 2)]
     np.testing.assert_allclose(left, momentum, atol=0.1 * momentum[0])
+
+
+@pytest.mark.parametrize("velocity", [[1, 0], [1, 1]])
+def test_a_block_thrown_into_a_full_tank_gains_no_energy(start, velocity):
+    """Particles beside the gap behind it sped themselves up to 50 times the energy in 31 steps."""
+    sim = start(
+        "dimension: 2\nspacing: 0.01\ngravity: 0\ntank: {size: [0.4, 0.3]}\ntime: {end: 9.0, cfl: 0.4}\n"
+        "fluids: [{name: block, region: {box: [[0.1, 0.1], [0.12, 0.12]]}, kinematic_viscosity: 0},"
+        " {name: rest, depth: 0.3, kinematic_viscosity: 0}]\n"
+        f"initial: {{kind: velocity, fluid: block, value: {velocity}}}\n"
+    )
+    sim.start()
+    energy, weak = sim.kinetic_energy(), 0
+    for _ in range(60):
+        sim.step(9.0)
+        weak += len(sim.work.weak)
+        assert sim.kinetic_energy() < 1.001 * energy
+    assert weak > 0
+
+
+def test_support_beside_gaps_of_a_full_tank(start):
+    """None for what is as lopsided as a free surface; whole in the lattice, and everywhere where a surface is one."""
+    text = "dimension: 2\nspacing: 0.01\ntank: {size: [0.2, 0.2]}\ntime: {end: 9.0}\nfluids: [{name: a, depth: %g}]\n"
+    assert "support" in dict(start(text % 0.1).plan.left_out)
+    sim = start(text % 0.2)
+    p, _ = ready(sim)
+    assert np.all(sim.work.support == 1.0) and len(sim.work.weak) == 0
+    above = (p.kind == FLUID) & (p.position[:, 2] > 0.1)
+    p.position[above, 2] += 0.05  # the walls beside the gap count for its ends
+    sim.choose_step(1.0)
+    ready(sim)
+    edge = (p.kind == FLUID) & (np.abs(p.position[:, 0] - 0.1) < 0.06) & (np.abs(p.position[:, 2] - 0.125) < 0.035)
+    np.testing.assert_array_less(sim.work.support[edge], 1e-9)
+    np.testing.assert_array_equal(sim.work.support[: p.liquid][p.position[: p.liquid, 2] < 0.085], 1.0)
 
 
 def test_a_tank_stays_full_with_a_region_of_another_liquid(start):
