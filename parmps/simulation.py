@@ -5,6 +5,7 @@ import time as clock
 
 import numpy as np
 
+from parmps import support
 from parmps.components import Floating
 from parmps.errors import DivergedError
 from parmps.interfaces import Near
@@ -205,7 +206,7 @@ class Simulation:
         if len(p) != p.owned:
             p.resize(p.owned)
         self.domain.build_halo(p, self.halo_width)
-        self.work = Work(p.rows, len(p), self.liquids, "support" in self.seconds)
+        self.work = Work(p.rows, len(p), self.liquids, support.matters(self.job))
         self._blocks = None
         self.column = np.full(len(p), -1, np.int32)
         self.column[: p.rows] = self._first_row + np.arange(p.rows)

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from parmps import support
 from parmps.components import floating_components
 from parmps.interfaces import (
     correct_acceleration,
@@ -25,7 +26,6 @@ from parmps.kernels import density, gradient, poisson, shifting, velocity, visco
 from parmps.kernels.weight import weight
 from parmps.liquids import Liquids
 from parmps.particles import DUMMY, FLUID, WALL
-from parmps.support import correct_flow, find_support
 
 VOLUME_EVERY = 10
 """Steps between two measurements of the volume error and of the surface row, which change slowly."""
@@ -124,10 +124,10 @@ def make_plan(job, ranks):
         "all liquids have one density" if liquids.several else "one liquid",
     )
     around = when(
-        (job.full or liquids.sheet is not None) and scheme.gradient == "corrected" and scheme.position == "start",
+        support.matters(job),
         "support",
         "particles beside gaps of a full tank, or in a lighter liquid, must not speed themselves up",
-        find_support,
+        support.find_support,
         "neither a full tank nor liquids of different density with the corrected gradient",
     )
     curvature = when(
@@ -484,7 +484,7 @@ def measure_divergence(sim):
         w.gradient,
     )
     if w.support is not None:
-        correct_flow(sim)
+        support.correct_flow(sim)
     w.source[:] = 0.0
     trace = w.gradient[:rows, 0] + w.gradient[:rows, 4] + w.gradient[:rows, 8]
     if w.near_interface is not None:

@@ -10,6 +10,22 @@ its own velocity and pressure count for it, and the less its velocity changes wh
 import numpy as np
 
 from parmps.kernels import density, support
+from parmps.liquids import Liquids
+
+
+def matters(job):
+    """Tell whether particles of a job can have little support.
+
+    Parameters
+    ----------
+    job : Job
+
+    Returns
+    -------
+    bool
+    """
+    fitted = job.scheme.gradient == "corrected" and job.scheme.position == "start"
+    return fitted and (job.full or Liquids(job).sheet is not None)
 
 
 def find_support(sim):
