@@ -48,8 +48,6 @@ class Near:
         Filled near interfaces alone.
     slips : (count,) int8
         1 where the liquids slide along each other as a sheet.
-    support : (count,) float64
-        As made by `interface.find_support`; 1 away from interfaces.
     """
 
     def __init__(self, rows, count):
@@ -60,7 +58,6 @@ class Near:
         self.beyond = np.zeros((rows, 3))
         self.divergence = np.empty(rows)
         self.slips = np.zeros(count, np.int8)
-        self.support = np.ones(count)
 
     def reset(self, count):
         """Forget the particles of the step before.
@@ -75,17 +72,6 @@ class Near:
         self.normal[:] = 0.0
         self.beyond[:] = 0.0
         self.slips[:] = 0
-        self.support[:] = 1.0
-
-    @property
-    def slipping(self):
-        """Those of the particles that slip and have support: (k,) int32."""
-        return self.index[(self.slips[self.index] != 0) & (self.support[self.index] == 1.0)]
-
-    @property
-    def weak(self):
-        """Those of the particles that have little support: (k,) int32."""
-        return self.index[self.support[self.index] < 1.0]
 
 
 def label_walls(sim):
@@ -182,8 +168,18 @@ def find_interfaces(sim):
     limit = SLIP * sim.l0 * sim.grid_number / sim.dt
     interface.find_slip(p.velocity, p.kind, p.fluid, sim.liquids.sheet, near.index, *sim.pairs.wet, limit, near.slips)
     near.beyond[near.index[near.slips[near.index] == 0]] = 0.0
-    interface.find_support(p.fluid, sim.liquids.share, near.index, *sim.pairs.wet, sim.strength, near.support)
     sim.domain.exchange(near.slips)
+
+
+def slipping(sim):
+    """Particles near interfaces that slip and have support.
+
+    Returns
+    -------
+    (k,) int32
+    """
+    near = sim.work.near_interface
+    return near.index[(near.slips[near.index] != 0) & (sim.work.support[near.index] == 1.0)]
 
 
 def find_curvature(sim):
@@ -214,11 +210,6 @@ def find_curvature(sim):
 def correct_divergence(sim):
     """Velocity gradients of the own liquid near interfaces, and the divergence that they make there.
 
-    Divergence and pressure gradient both have the particle's own value times the first moment A of its neighbourhood,
-    by which pressure speeds a particle of velocity v up, by (v . A) A. Among its like, the pressure of the neighbours
-    outweighs that; a heavy particle alone in a light liquid went from 1 to 26 m/s. So the less support a particle has,
-    the less its own velocity and pressure count for it.
-
     Returns
     -------
     index : (m,) int32
@@ -226,19 +217,14 @@ def correct_divergence(sim):
     divergence : (m,) float64, 1/s
     """
     p, w, near = sim.particles, sim.work, sim.work.near_interface
-    slipping, weak = near.slipping, near.weak
+    index = slipping(sim)
     common = (p.kind, p.fluid, near.slips, sim.liquids.sheet)
-    links = (slipping, *sim.pairs.wet, sim.strength)
+    links = (index, *sim.pairs.wet, sim.strength)
     scale = (sim.lattice.density, sim.dimension)
-    inverse = np.empty((len(slipping), 6))
+    inverse = np.empty((len(index), 6))
     interface.own_moments(p.position, *common, *links, *scale, inverse)
     density.invert(inverse, OWN_FLOOR, sim.dimension, inverse)
     interface.own_gradient(p.position, w.intermediate, *common, *links, inverse, *scale, w.gradient)
-    inverse, sums = np.empty((len(weak), 6)), np.empty((len(weak), 9))
-    around = (near.support, weak, *sim.pairs.wet, sim.strength)
-    interface.flow_around(p.position, w.intermediate, *around, *scale, inverse, sums)
-    density.invert(inverse, sim.scheme.divergence_floor, sim.dimension, inverse)
-    interface.solve_flow(weak, inverse, sums, w.gradient)
     sim.domain.exchange(w.gradient)
     interface.divergence(
         p.position,
@@ -251,15 +237,13 @@ def correct_divergence(sim):
         *scale,
         near.divergence,
     )
-    near.divergence[weak] = w.gradient[weak, 0] + w.gradient[weak, 4] + w.gradient[weak, 8]
-    index = np.concatenate([slipping, weak])
     return index, near.divergence[index]
 
 
 def correct_acceleration(sim):
-    """Set grad P / rho near interfaces, where its tangential part jumps with the density, or support is little."""
+    """Set grad P / rho where its tangential part jumps with the density, at interfaces, or support is little."""
     p, s, w, near = sim.particles, sim.scheme, sim.work, sim.work.near_interface
-    index = np.concatenate([near.slipping, near.weak])
+    index = w.weak if near is None else np.concatenate([slipping(sim), w.weak])
     inverse, sums = np.empty((len(index), 6)), np.empty((len(index), 3))
     interface.pressure_gradient(
         p.position,
@@ -268,13 +252,8 @@ def correct_acceleration(sim):
         p.kind,
         w.surface,
         w.lean,
-        p.fluid,
-        sim.liquids.volume,
         sim.liquids.reference,
-        sim.liquids.tension,
-        w.bend,
-        near.normal,
-        near.support,
+        w.support,
         index,
         *sim.pairs.wet,
         sim.strength,
@@ -284,6 +263,11 @@ def correct_acceleration(sim):
         sim.dimension,
         inverse,
         sums,
+        sim.fluid,
+        sim.liquids.volume,
+        sim.liquids.tension,
+        w.bend,
+        None if near is None else near.normal,
     )
     density.invert(inverse, s.gradient_floor, sim.dimension, inverse)
     interface.solve_gradient(w.force, index, inverse, sums, p.acceleration)
@@ -295,14 +279,13 @@ def limit_shifting(sim):
     With the other liquid's part, rows that slide along each other interlock: a drop of 10 rows, stretched by less
     than a spacing, lagged behind its velocity by a tenth. Where the normal is not certain, in jets, both liquids count.
     Shifting across the interface as elsewhere slows and damps its waves; without any, particles gather in the rows
-    beside it and leave a gap between them. Without support, a particle keeps its velocity where it is shifted.
+    beside it and leave a gap between them.
     """
     p, w, near = sim.particles, sim.work, sim.work.near_interface
-    w.gradient[near.weak] *= near.support[near.weak, None]
-    slipping = near.slipping
-    normal, whole = near.normal[slipping], w.asymmetry[slipping]
+    index = slipping(sim)
+    normal, whole = near.normal[index], w.asymmetry[index]
     other = np.empty_like(whole)
-    links = (slipping, *sim.pairs.wet, sim.strength)
+    links = (index, *sim.pairs.wet, sim.strength)
     interface.asymmetry_across(
         p.position, p.kind, p.fluid, sim.liquids.sheet, *links, sim.lattice.density, sim.dimension, other
     )
@@ -310,4 +293,4 @@ def limit_shifting(sim):
     bound = np.maximum(steep2, UNCERTAIN**2)
     certain = (steep2 / bound)[:, None]
     across = np.einsum("ij,ij->i", certain * other - (1.0 - SHIFT_ACROSS) * whole, normal) / bound
-    w.asymmetry[slipping] = whole - certain * other + across[:, None] * normal
+    w.asymmetry[index] = whole - certain * other + across[:, None] * normal

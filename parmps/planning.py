@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from parmps import waves
+from parmps import support, waves
 from parmps.expectation import changed_settings, error_class, expected_cost, expected_errors, read_table
 from parmps.hull import build_hull
 from parmps.kernels.weight import lattice
@@ -154,7 +154,7 @@ def memory_estimate(job, counts, ranks):
     particle = sum(np.dtype(kind).itemsize * math.prod(shape) for kind, shape in FIELDS.values())
     pairs = rows * lattice(dimension, reach).neighbours
     entries = pairs + rows
-    per_row, per_particle = _work_bytes(Liquids(job))
+    per_row, per_particle = _work_bytes(job)
     return {
         "program": PROGRAM_BYTES,
         # the particles, and the copy of the last good state
@@ -167,11 +167,11 @@ def memory_estimate(job, counts, ranks):
     }
 
 
-def _work_bytes(liquids):
+def _work_bytes(job):
     """Bytes a row and a particle of the arrays that live for one step."""
     size = []
     for rows, count in ((0, 0), (1, 0), (0, 1)):
-        work = Work(rows, count, liquids)
+        work = Work(rows, count, Liquids(job), support.matters(job))
         arrays = [*vars(work).values(), *(vars(work.near_interface).values() if work.near_interface else ())]
         size.append(sum(array.nbytes for array in arrays if isinstance(array, np.ndarray)))
     return size[1] - size[0], size[2] - size[0]

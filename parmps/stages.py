@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from parmps import support
 from parmps.components import floating_components
 from parmps.interfaces import (
     correct_acceleration,
@@ -122,6 +123,13 @@ def make_plan(job, ranks):
         find_interfaces,
         "all liquids have one density" if liquids.several else "one liquid",
     )
+    around = when(
+        support.matters(job),
+        "support",
+        "particles beside gaps of a full tank, or in a lighter liquid, must not speed themselves up",
+        support.find_support,
+        "neither a full tank nor liquids of different density with the corrected gradient",
+    )
     curvature = when(
         liquids.tension is not None,
         "curvature",
@@ -177,6 +185,7 @@ def make_plan(job, ranks):
             *walls,
             *moments,
             *interfaces,
+            *around,
             Stage("impulse", "walls stop the initial velocity at once", balance_impulse),
             Stage("divergence", "source of the pressure equation", measure_divergence),
             Stage("pressure", "incompressibility", solve_pressure),
@@ -187,6 +196,7 @@ def make_plan(job, ranks):
             *walls,
             *moments,
             *interfaces,
+            *around,
             *curvature,
             *volume,
             Stage("body force", "gravity and the tank's motion, balanced in the pressure equation", predict),
@@ -482,6 +492,8 @@ def measure_divergence(sim):
         rows,
         w.gradient,
     )
+    if w.support is not None:
+        support.correct_flow(sim)
     w.source[:] = 0.0
     trace = w.gradient[:rows, 0] + w.gradient[:rows, 4] + w.gradient[:rows, 8]
     if w.near_interface is not None:
@@ -615,13 +627,15 @@ def pressure_gradient(sim):
             p.acceleration,
         )
     p.acceleration[: p.liquid] /= sim.liquids.reference
-    if w.near_interface is not None:
+    if w.support is not None:
         correct_acceleration(sim)
 
 
 def move(sim):
     """r^(n+1) = r^n + dt v^(n+1), with shifting; surface particles move as the surface above them does."""
     p, s, w = sim.particles, sim.scheme, sim.work
+    if w.support is not None:
+        w.gradient[w.weak] *= w.support[w.weak, None]
     beyond = None
     if w.near_interface is not None:
         beyond = w.near_interface.beyond

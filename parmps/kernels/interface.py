@@ -297,7 +297,7 @@ def normals(fluid, sheet, fraction, near, begin, index, offset, image, l0, reach
                 qy += s * dy
                 qz += s * dz
             total += s * r2
-            _add_moment(matrix[0], s, dx, dy, dz)
+            add_moment(matrix[0], s, dx, dy, dz)
             s *= fraction[i] - (1.0 - fraction[j] if other else fraction[j])
             gx += s * dx
             gy += s * dy
@@ -315,7 +315,7 @@ def normals(fluid, sheet, fraction, near, begin, index, offset, image, l0, reach
 
 
 @njit(inline="always")
-def _add_moment(matrix, s, dx, dy, dz):
+def add_moment(matrix, s, dx, dy, dz):
     """Add s d d^T to a matrix of moments: (6,) float64."""
     matrix[0] += s * dx * dx
     matrix[1] += s * dx * dy
@@ -354,29 +354,6 @@ def find_slip(velocity, kind, fluid, sheet, near, first, last, other, limit, sli
                 own += velocity[j]
                 within += 1
         slips[i] = _length(own / within - beyond / max(across, 1)) <= limit
-
-
-@compiled
-def find_support(fluid, share, near, first, last, other, strength, out):
-    """Support of particles near interfaces: how far the mass around them keeps them from moving on their own.
-
-    Parameters
-    ----------
-    fluid : (n,) int8
-    share
-        Table of `Liquids`.
-    near, first, last, other, strength
-        As in `own_moments`.
-    out : (n,) float64
-        Filled for those particles: 1 where at least half of the neighbourhood is as heavy, or all of it a third as
-        heavy, towards 0 for a particle alone in a light liquid.
-    """
-    for i in near:
-        total = mass = 0.0
-        for k in range(first[i], last[i]):
-            total += strength[k]
-            mass += strength[k] * min(2.0 * share[fluid[other[k]], fluid[i]], 1.0)
-        out[i] = min(2.0 * mass / total, 1.0) if total > 0.0 else 0.0
 
 
 @compiled
@@ -457,71 +434,6 @@ def own_gradient(
             out[i, 3 * b] = g[b, 0] * m[0] + g[b, 1] * m[1] + g[b, 2] * m[2]
             out[i, 3 * b + 1] = g[b, 0] * m[1] + g[b, 1] * m[3] + g[b, 2] * m[4]
             out[i, 3 * b + 2] = g[b, 0] * m[2] + g[b, 1] * m[4] + g[b, 2] * m[5]
-
-
-@compiled
-def flow_around(
-    position, velocity, support, weak, first, last, other, strength, n0, dimension, matrix, sums
-):
-    """Sums for the gradient of the velocity around particles of little support, whose own velocity hardly counts.
-
-    Least squares with a free value at the particle: u_j - u_i = grad u . d + e, with e held to 0 by the support c,
-    which leaves the share 1 - c of the mean in the sums.
-
-    Parameters
-    ----------
-    position, velocity, first, last, other, strength, n0, dimension
-        As in `own_gradient`.
-    support : (n,) float64
-        As made by `find_support`.
-    weak : (m,) int32
-        The particles.
-    matrix : (m, 6) float64
-        Filled: moments.
-    sums : (m, 9) float64
-        Filled: right-hand sides, as in `velocity_gradient`.
-    """
-    scale = dimension / n0
-    d, u, way, change = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    for a in range(weak.shape[0]):
-        i = weak[a]
-        matrix[a] = sums[a] = way[:] = change[:] = 0.0
-        total = 1e-300
-        for k in range(first[i], last[i]):
-            s = scale * strength[k]
-            d[:] = position[other[k]] - position[i]
-            u[:] = velocity[other[k]] - velocity[i]
-            total += s
-            way += s * d
-            change += s * u
-            _add_moment(matrix[a], s, d[0], d[1], d[2])
-            for b in range(3):
-                sums[a, 3 * b : 3 * b + 3] += s * u[b] * d
-        free = (1.0 - support[i]) / total
-        _add_moment(matrix[a], -free, way[0], way[1], way[2])
-        for b in range(3):
-            sums[a, 3 * b : 3 * b + 3] -= free * change[b] * way
-
-
-@compiled
-def solve_flow(weak, inverse, sums, out):
-    """Gradient of the velocity from the sums of `flow_around`.
-
-    Parameters
-    ----------
-    weak, sums
-        As in `flow_around`.
-    inverse : (m, 6) float64
-    out : (n, 9) float64, 1/s
-        Filled for those particles.
-    """
-    for a in range(weak.shape[0]):
-        i, m = weak[a], inverse[a]
-        for b in range(3):
-            x, y, z = sums[a, 3 * b], sums[a, 3 * b + 1], sums[a, 3 * b + 2]
-            out[i, 3 * b] = m[0] * x + m[1] * y + m[2] * z
-            out[i, 3 * b + 1] = m[1] * x + m[3] * y + m[4] * z
-            out[i, 3 * b + 2] = m[2] * x + m[4] * y + m[5] * z
 
 
 @compiled
@@ -606,12 +518,7 @@ def pressure_gradient(
     kind,
     surface,
     lean,
-    fluid,
-    volume,
     density,
-    tension,
-    bend,
-    normal,
     support,
     near,
     first,
@@ -624,17 +531,22 @@ def pressure_gradient(
     dimension,
     matrix,
     sums,
+    fluid=None,
+    volume=None,
+    tension=None,
+    bend=None,
+    normal=None,
 ):
     """Sums for grad P / rho at an interface, where its tangential part jumps with the density.
 
     Least squares for the acceleration a of the own liquid beyond the body force f: on a link of volume b the
     pressure says b (P_j - P_i) - f . d = a' . d', where d' is d with its part along the interface multiplied by
     b rho_i, since P itself is continuous there. Particles of little support take part in no jump, and their own
-    pressure hardly counts, as in `flow_around`.
+    pressure hardly counts, as in `support.flow_around`.
 
     Parameters
     ----------
-    position, kind, fluid, normal, near, first, last, other, strength, n0, dimension
+    position, kind, near, first, last, other, strength, n0, dimension
         As in `divergence`.
     l0, surface_distance : float
         Spacing, and distance from surface particles to the free surface, m.
@@ -643,16 +555,18 @@ def pressure_gradient(
         Of fluid particles.
     surface, lean
         As in `corrected_gradient`.
-    volume, tension, bend
-        As in `poisson_rows`.
     density : float, kg/m3
-        The reference density of ``volume``.
+        Of the liquid, or the reference density of ``volume``.
     support : (n,) float64
-        As made by `find_support`.
+        1 but for particles of little support.
     matrix : (m, 6) float64
         Filled: moments.
     sums : (m, 3) float64
         Filled: right-hand sides.
+    fluid, volume, tension, bend
+        As in `poisson_rows`.
+    normal : None or (n, 3) float64
+        As made by `normals`; None for a single liquid.
     """
     scale = dimension / n0
     for a in range(near.shape[0]):
@@ -660,7 +574,9 @@ def pressure_gradient(
         xx = xy = xz = yy = yz = zz = gx = gy = gz = mx = my = mz = mean = 0.0
         total = 1e-300
         here = pressure[i] if surface[i] == 0 else max(pressure[i], 0.0)
-        own = volume[fluid[i], fluid[i]]
+        own = b = 1.0
+        if fluid is not None:
+            own = volume[fluid[i], fluid[i]]
         for k in range(first[i], last[i]):
             j = other[k]
             dx = (position[j, 0] - position[i, 0]) / l0
@@ -669,9 +585,10 @@ def pressure_gradient(
             there = pressure[j] if surface[j] == 0 else max(pressure[j], 0.0)
             if tension is not None:
                 there -= pressure_jump(fluid[i], fluid[j], tension, bend[i], bend[j])
-            b = volume[fluid[i], fluid[j]]
+            if fluid is not None:
+                b = volume[fluid[i], fluid[j]]
             q = b * (there - here) / (density * l0) - force[i, 0] * dx - force[i, 1] * dy - force[i, 2] * dz
-            if kind[j] == 0 and fluid[i] != fluid[j] and support[i] == 1.0:
+            if normal is not None and kind[j] == 0 and fluid[i] != fluid[j] and support[i] == 1.0:
                 nx = normal[i, 0] - normal[j, 0]
                 ny = normal[i, 1] - normal[j, 1]
                 nz = normal[i, 2] - normal[j, 2]
@@ -718,7 +635,7 @@ def pressure_gradient(
         matrix[a, 0], matrix[a, 1], matrix[a, 2] = xx, xy, xz
         matrix[a, 3], matrix[a, 4], matrix[a, 5] = yy, yz, zz
         free = (1.0 - support[i]) / total
-        _add_moment(matrix[a], -free, mx, my, mz)
+        add_moment(matrix[a], -free, mx, my, mz)
         sums[a, 0], sums[a, 1], sums[a, 2] = gx - free * mean * mx, gy - free * mean * my, gz - free * mean * mz
 
 
@@ -807,7 +724,7 @@ def curvature(fluid, sheet, normal, near, begin, index, offset, image, mirror, l
             for b in range(3):
                 for c in range(3):
                     g[b, c] += s * (its[b] - own[b]) * d[c]
-            _add_moment(matrix[0], s, d[0], d[1], d[2])
+            add_moment(matrix[0], s, d[0], d[1], d[2])
         out[i] = 0.0
         if total == 0.0:
             continue

@@ -1,0 +1,104 @@
+"""Particles of little support: the mass around them, and the flow around them."""
+
+import numpy as np
+
+from parmps.kernels.compiled import compiled
+from parmps.kernels.interface import add_moment
+
+
+@compiled
+def support_by_mass(kind, fluid, share, near, first, last, other, strength, out):
+    """Reduce the support of particles near interfaces where the mass around them is little.
+
+    Parameters
+    ----------
+    fluid : (n,) int8
+    share
+        Table of `Liquids`.
+    near : (m,) int32
+        The particles.
+    first, last, other
+        Neighbour lists.
+    strength : (pairs,) float64, 1/m2
+        W / r_ij^2, as made by `strengths`.
+    out : (n,) float64
+        Of those particles at most 1 where at least half of the neighbourhood is as heavy, or all of it a third as
+        heavy, towards 0 for a particle alone in a light liquid.
+    """
+    for i in near:
+        total = mass = 0.0
+        for k in range(first[i], last[i]):
+            j = other[k]
+            if kind[j] != 0:
+                continue
+            total += strength[k]
+            mass += strength[k] * min(2.0 * share[fluid[j], fluid[i]], 1.0)
+        out[i] = min(out[i], 2.0 * mass / total) if total > 0.0 else 0.0
+
+
+@compiled
+def flow_around(
+    position, velocity, support, weak, first, last, other, strength, n0, dimension, matrix, sums
+):
+    """Sums for the gradient of the velocity around particles of little support, whose own velocity hardly counts.
+
+    Least squares with a free value at the particle: u_j - u_i = grad u . d + e, with e held to 0 by the support c,
+    which leaves the share 1 - c of the mean in the sums.
+
+    Parameters
+    ----------
+    position : (n, 3) float64, m
+    velocity : (n, 3) float64, m/s
+    support : (n,) float64
+    weak : (m,) int32
+        The particles.
+    first, last, other, strength
+        As in `support_by_mass`.
+    n0 : float
+    dimension : int
+    matrix : (m, 6) float64
+        Filled: moments.
+    sums : (m, 9) float64
+        Filled: right-hand sides, as in `velocity_gradient`.
+    """
+    scale = dimension / n0
+    d, u, way, change = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    for a in range(weak.shape[0]):
+        i = weak[a]
+        matrix[a] = sums[a] = way[:] = change[:] = 0.0
+        total = 1e-300
+        for k in range(first[i], last[i]):
+            s = scale * strength[k]
+            d[:] = position[other[k]] - position[i]
+            u[:] = velocity[other[k]] - velocity[i]
+            total += s
+            way += s * d
+            change += s * u
+            add_moment(matrix[a], s, d[0], d[1], d[2])
+            for b in range(3):
+                sums[a, 3 * b : 3 * b + 3] += s * u[b] * d
+        free = (1.0 - support[i]) / total
+        add_moment(matrix[a], -free, way[0], way[1], way[2])
+        for b in range(3):
+            sums[a, 3 * b : 3 * b + 3] -= free * change[b] * way
+
+
+@compiled
+def solve_flow(weak, inverse, sums, out):
+    """Gradient of the velocity from the sums of `flow_around`.
+
+    Parameters
+    ----------
+    weak, sums
+        As in `flow_around`.
+    inverse : (m, 6) float64
+    out : (n, 9) float64, 1/s
+        Filled for those particles.
+    """
+    for a in range(weak.shape[0]):
+        i, m = weak[a], inverse[a]
+        for b in range(3):
+            x, y, z = sums[a, 3 * b], sums[a, 3 * b + 1], sums[a, 3 * b + 2]
+            out[i, 3 * b] = m[0] * x + m[1] * y + m[2] * z
+            out[i, 3 * b + 1] = m[1] * x + m[3] * y + m[4] * z
+            out[i, 3 * b + 2] = m[2] * x + m[4] * y + m[5] * z
