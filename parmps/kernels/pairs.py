@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from parmps.kernels.compiled import compiled
-from parmps.kernels.walls import crosses_solid
+from parmps.kernels.walls import beside_solid, crosses_solid
 from parmps.kernels.weight import weight
 
 
@@ -150,7 +150,7 @@ def find_pairs(
                         other[count], square[count] = order[k], r2
                         count += np.uint64((r2 < reach2) & (r2 > 0.0))
             if liquid and group == 0:
-                if _beside(x, y, z, reach, solids):
+                if beside_solid(x, y, z, reach, solids):
                     count = _keep_unhidden(i, position, solids, here, count, other, square)
             elif liquid or group == 0:
                 count = _keep_before_walls(i, position, normal, liquid, here, count, other, square)
@@ -158,19 +158,6 @@ def find_pairs(
                 last[row] = count
         first[row + 1] = count
     return np.int64(count)
-
-
-@compiled
-def _beside(x, y, z, reach, solids):
-    """Whether a point is so near to a baffle that one within ``reach`` may be hidden."""
-    for solid in solids:
-        if (
-            solid[0, 0] - reach < x < solid[1, 0] + reach
-            and solid[0, 1] - reach < y < solid[1, 1] + reach
-            and solid[0, 2] - reach < z < solid[1, 2] + reach
-        ):
-            return True
-    return False
 
 
 @compiled
