@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from parmps.kernels.pairs import bounds, find_pairs, sort_into_cells, strengths
+from parmps.kernels.pairs import bounds, find_pairs, mark_beside_walls, sort_into_cells, strengths
 
 PART = 1024
 """Particles whose wide lists are in the cache at a time."""
@@ -144,4 +144,5 @@ class Pairs:
             shape[axis] = (shape[axis] + 1) // 2
             size[axis] *= 2.0
         grid = lower, size, shape
-        return (*grid, *sort_into_cells(particles.position, particles.kind, *grid))
+        cells = sort_into_cells(particles.position, particles.kind, *grid)
+        return (*grid, *cells, mark_beside_walls(cells[0], shape, int(self._reach / size[2]) + 1))

@@ -154,12 +154,13 @@ def memory_estimate(job, counts, ranks):
     particle = sum(np.dtype(kind).itemsize * math.prod(shape) for kind, shape in FIELDS.values())
     pairs = rows * lattice(dimension, reach).neighbours
     entries = pairs + rows
-    per_row, per_particle = _work_bytes(job)
+    centres = liquid if scheme.position == "start" else rows
+    per_centre, per_row, per_particle = _work_bytes(job)
     return {
         "program": PROGRAM_BYTES,
         # the particles, and the copy of the last good state
         "particles": particle * (2.0 * owned + halo),
-        "fields of a step": per_row * rows + per_particle * (owned + halo),
+        "fields of a step": per_centre * centres + per_row * rows + per_particle * (owned + halo),
         # number and squared distance of each neighbour, and a weight where the radii differ
         "neighbour lists": 12.0 * pairs + 8.0 * pairs * (scheme.radius != scheme.laplacian_radius),
         "pressure matrix": ENTRY_BYTES * entries,
@@ -168,13 +169,13 @@ def memory_estimate(job, counts, ranks):
 
 
 def _work_bytes(job):
-    """Bytes a row and a particle of the arrays that live for one step."""
+    """Bytes a particle with moments, a row and a particle of the arrays that live for one step."""
     size = []
-    for rows, count in ((0, 0), (1, 0), (0, 1)):
-        work = Work(rows, count, Liquids(job), support.matters(job))
+    for counts in ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)):
+        work = Work(*counts, Liquids(job), support.matters(job))
         arrays = [*vars(work).values(), *(vars(work.near_interface).values() if work.near_interface else ())]
         size.append(sum(array.nbytes for array in arrays if isinstance(array, np.ndarray)))
-    return size[1] - size[0], size[2] - size[0]
+    return [each - size[0] for each in size[1:]]
 
 
 def _memory_lines(job, counts, ranks):

@@ -9,7 +9,6 @@ from parmps import support
 from parmps.components import Floating
 from parmps.errors import DivergedError
 from parmps.interfaces import Near
-from parmps.kernels import density as density_kernels
 from parmps.kernels.shifting import keep_off_walls
 from parmps.kernels.velocity import body_force, greatest_speed
 from parmps.kernels.weight import lattice
@@ -72,8 +71,11 @@ class Work:
 
     Attributes
     ----------
-    density, lean, matrix, inverse, full, source, rhs, smooth, surface_normal, change
-        One row a row of the pressure equation; see the kernels.
+    density, lean, inverse, full, smooth, surface_normal, change
+        One row a particle that has moments: the liquid alone, and with the papers' scheme the walls too. See the
+        kernels; ``inverse`` holds the moment matrices before they are inverted.
+    source, rhs
+        One row a row of the pressure equation.
     asymmetry, wet, surface, near, force, link_force, intermediate, gradient
         One row a particle, the halo included.
     support : None or (count,) float64
@@ -82,13 +84,11 @@ class Work:
         The particles of little support.
     """
 
-    def __init__(self, rows, count, liquids, supported):
-        for name, width in (("density", 1), ("source", 1), ("rhs", 1), ("smooth", 1)):
-            setattr(self, name, np.zeros(rows * width))
-        for name, width in (("lean", 3), ("matrix", 6), ("inverse", 6), ("full", 6)):
-            setattr(self, name, np.zeros((rows, width)))
-        for name in ("surface_normal", "change"):
-            setattr(self, name, np.zeros((rows, 3)))
+    def __init__(self, centres, rows, count, liquids, supported):
+        self.density, self.smooth = np.zeros(centres), np.zeros(centres)
+        self.source, self.rhs = np.zeros(rows), np.zeros(rows)
+        for name, width in (("lean", 3), ("inverse", 6), ("full", 6), ("surface_normal", 3), ("change", 3)):
+            setattr(self, name, np.zeros((centres, width)))
         for name, width in (("asymmetry", 3), ("force", 3), ("link_force", 3), ("intermediate", 3), ("gradient", 9)):
             setattr(self, name, np.zeros((count, width)))
         self.wet = np.ones(count)
@@ -204,7 +204,8 @@ class Simulation:
         if len(p) != p.owned:
             p.resize(p.owned)
         self.domain.build_halo(p, self.halo_reach + HALO_MARGIN * self.l0)
-        self.work = Work(p.rows, len(p), self.liquids, support.matters(self.job))
+        centres = p.liquid if self.scheme.position == "start" else p.rows
+        self.work = Work(centres, p.rows, len(p), self.liquids, support.matters(self.job))
         self.row = np.full(len(p), -1, np.int64)
         self.row[: p.rows] = self._first_row + np.arange(p.rows)
         self.domain.exchange(self.row)
@@ -299,18 +300,6 @@ class Simulation:
             room = entries + entries // 8
             self._blocks = Blocks(self.particles.rows, room, room)
         return self._blocks
-
-    def lattice_matrix(self):
-        """Moment matrices of the lattice, for operators without correction.
-
-        Returns
-        -------
-        (rows, 6) float64
-        """
-        if self.work.inverse[:, 0].all():
-            return self.work.inverse
-        self.work.inverse[:] = density_kernels.lattice_matrix(self.particles.rows)
-        return self.work.inverse
 
     def check_floating(self):
         """Whether to look for parts without a free surface: after a new distribution, and when one got or lost one.

@@ -284,18 +284,16 @@ def measure_density(sim):
         w.density,
         w.asymmetry,
         w.lean,
-        w.matrix,
+        w.inverse,
     )
     if has_surface:  # in a full tank a gap between particles is none of the liquid
         density.mark_surface(w.density, w.asymmetry, sim.lattice.density, 0.9 * sim.lattice.asymmetry, w.surface)
-        if s.position == "start":
-            w.surface[p.liquid : p.rows] = 0
-        else:  # the papers' wall particles can be in the surface, and then have no pressure
+        if s.position == "moved":  # the papers' wall particles can be in the surface, and then have no pressure
             density.mark_dry(p.kind, *sim.pairs.lists, p.liquid, p.rows, w.surface)
     sim.domain.exchange(w.asymmetry, w.surface)
     if s.gradient == "corrected":
-        density.invert(w.matrix, s.divergence_floor, sim.dimension, w.inverse)
-        gradient.add_missing_moment(w.matrix, w.surface, w.lean, sim.lattice.density, sim.dimension, w.full)
+        gradient.add_missing_moment(w.inverse, w.surface, w.lean, sim.lattice.density, sim.dimension, w.full)
+        density.invert(w.inverse, s.divergence_floor, sim.dimension, w.inverse)
         density.invert(w.full, s.gradient_floor, sim.dimension, w.full)
 
 
@@ -463,7 +461,7 @@ def measure_divergence(sim):
         w.intermediate[:] = 0.0
         liquid = p.kind == FLUID
         w.intermediate[liquid] = p.velocity[liquid]
-        inverse = sim.lattice_matrix()
+        inverse = density.lattice_matrix(p.rows)
     else:
         velocity.reflect_at_walls(
             p.position,

@@ -81,7 +81,7 @@ def moments(position, wet, first, last, other, strength, l0, n0, dimension, dens
         particles; the identity on the lattice (Duan 2018).
     """
     scale = dimension / n0
-    for i in range(last.shape[0]):
+    for i in range(density.shape[0]):
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
         n = fx = fy = fz = qx = qy = qz = 0.0
         xx = xy = xz = yy = yz = zz = 0.0
@@ -404,6 +404,6 @@ def lattice_matrix(rows):
     Returns
     -------
     (rows, 6) float64
-        Identity matrices, as xx, xy, xz, yy, yz, zz.
+        Identity matrices, as xx, xy, xz, yy, yz, zz; one in memory, not to be written.
     """
-    return np.tile(np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0]), (rows, 1))
+    return np.broadcast_to(np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0]), (rows, 6))

@@ -2,6 +2,8 @@
 
 import math
 
+import numpy as np
+
 from parmps.kernels.compiled import compiled
 from parmps.kernels.interface import pressure_jump
 
@@ -209,15 +211,23 @@ def residual_damping(
     sheet, slips, normal
         As in `interface.divergence`.
     """
+    most = np.uint64(0)
+    for i in range(rows):
+        most = max(most, last[i] - first[i])
+    ahead = np.empty(most, np.uint32)  # pairs of a particle with those that follow it: each is evaluated once
+    out[:rows] = 0.0
     for i in range(rows):
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
         u, v, w = velocity[i, 0], velocity[i, 1], velocity[i, 2]
         ax = ay = az = 0.0
         g, h = gradient[i], gradient
-        for k in range(first[i], last[i]):
+        count = np.uint64(0)
+        for k in range(first[i], last[i]):  # without branches, which could not be predicted
+            ahead[count] = k
+            count += np.uint64((other[k] > i) & (kind[other[k]] == 0))
+        for m in range(count):
+            k = ahead[m]
             j = other[k]
-            if kind[j] != 0:
-                continue
             dx, dy, dz = position[j, 0] - x, position[j, 1] - y, position[j, 2] - z
             s = strength[k] * (dx * dx + dy * dy + dz * dz)
             dx, dy, dz = 0.5 * dx, 0.5 * dy, 0.5 * dz
@@ -234,11 +244,17 @@ def residual_damping(
                 along = (rx * nx + ry * ny + rz * nz) / (nx * nx + ny * ny + nz * nz + 1e-300)
                 rx, ry, rz = along * nx, along * ny, along * nz
             s *= min(base + slope * math.sqrt(rx * rx + ry * ry + rz * rz), 0.3)
+            here = there = s / n0
             if fluid is not None:
-                s *= 2.0 * share[fluid[j], fluid[i]]
-            ax += s * rx
-            ay += s * ry
-            az += s * rz
-        out[i, 0] = ax / n0
-        out[i, 1] = ay / n0
-        out[i, 2] = az / n0
+                here *= 2.0 * share[fluid[j], fluid[i]]
+                there *= 2.0 * share[fluid[i], fluid[j]]
+            ax += here * rx
+            ay += here * ry
+            az += here * rz
+            if j < rows:
+                out[j, 0] -= there * rx
+                out[j, 1] -= there * ry
+                out[j, 2] -= there * rz
+        out[i, 0] += ax
+        out[i, 1] += ay
+        out[i, 2] += az

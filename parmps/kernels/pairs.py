@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from parmps.kernels.compiled import compiled
-from parmps.kernels.walls import crosses_solid
+from parmps.kernels.walls import beside_solid, crosses_solid
 from parmps.kernels.weight import weight
 
 
@@ -60,6 +60,41 @@ def sort_into_cells(position, kind, lower, size, shape):
 
 
 @compiled
+def mark_beside_walls(start, shape, span):
+    """Tell the cells whose particles may have walls or dummies as neighbours.
+
+    Parameters
+    ----------
+    start : (3 cells + 1,) uint32
+        As made by `sort_into_cells`.
+    shape : (3,) int64
+    span : int
+        How many cells along z a neighbour can be away.
+
+    Returns
+    -------
+    (shape) bool
+    """
+    nx, ny, nz = shape[0], shape[1], shape[2]
+    cells = nx * ny * nz
+    column = np.empty((nx, ny, nz), np.bool_)  # such particles in the same column of cells
+    for a in range(nx):
+        for b in range(ny):
+            line = cells + (a * ny + b) * nz
+            for c in range(nz):
+                low, high = line + max(c - span, 0), line + min(c + span + 1, nz)
+                column[a, b, c] = start[high] > start[low] or start[high + cells] > start[low + cells]
+    beside = np.zeros((nx, ny, nz), np.bool_)
+    for a in range(nx):
+        for b in range(ny):
+            for p in range(max(a - 1, 0), min(a + 2, nx)):
+                for q in range(max(b - 1, 0), min(b + 2, ny)):
+                    for c in range(nz):
+                        beside[a, b, c] |= column[p, q, c]
+    return beside
+
+
+@compiled
 def find_pairs(
     position,
     kind,
@@ -74,6 +109,7 @@ def find_pairs(
     start,
     order,
     at,
+    beside,
     solids,
     wall_pairs,
     first,
@@ -106,6 +142,8 @@ def find_pairs(
         leave fewer candidates.
     start, order, at
         As made by `sort_into_cells`.
+    beside : (shape) bool
+        As made by `mark_beside_walls`; in other cells, walls are not looked for.
     solids : (m, 2, 3) float64, m
         Corners of what hides.
     wall_pairs : bool
@@ -135,10 +173,11 @@ def find_pairs(
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
         cx = min(max(int((x - lower[0]) * ex), 0), shape[0] - 1)
         cy = min(max(int((y - lower[1]) * ey), 0), shape[1] - 1)
+        cz = min(max(int((z - lower[2]) * ez), 0), shape[2] - 1)
         low = min(max(int((z - lower[2] - reach) * ez), 0), shape[2] - 1)
         high = min(max(int((z - lower[2] + reach) * ez), 0), shape[2] - 1) + 1
         liquid = kind[i] == 0
-        groups = 0 if kind[i] == 3 else 3 if liquid or wall_pairs else 1
+        groups = 0 if kind[i] == 3 else 3 if (liquid and beside[cx, cy, cz]) or wall_pairs else 1
         last[row] = count
         for group in range(groups):
             here = count
@@ -154,7 +193,7 @@ def find_pairs(
                         other[count], square[count] = order[k], r2
                         count += np.uint64((r2 < reach2) & (r2 > 0.0))
             if liquid and group == 0:
-                if _beside(x, y, z, reach, solids):
+                if beside_solid(x, y, z, reach, solids):
                     count = _keep_unhidden(i, position, solids, here, count, other, square)
             elif liquid or group == 0:
                 count = _keep_before_walls(
@@ -164,19 +203,6 @@ def find_pairs(
                 last[row] = count
         first[row + 1] = count
     return np.int64(count)
-
-
-@compiled
-def _beside(x, y, z, reach, solids):
-    """Whether a point is so near to a baffle that one within ``reach`` may be hidden."""
-    for solid in solids:
-        if (
-            solid[0, 0] - reach < x < solid[1, 0] + reach
-            and solid[0, 1] - reach < y < solid[1, 1] + reach
-            and solid[0, 2] - reach < z < solid[1, 2] + reach
-        ):
-            return True
-    return False
 
 
 @compiled
@@ -201,7 +227,7 @@ def _keep_before_walls(i, position, normal, depth, liquid, reach, solids, begin,
         wet, wall = (i, j) if liquid else (j, i)
         x, y, z = position[wet, 0], position[wet, 1], position[wet, 2]
         at, n, d = position[wall], normal[wall], depth[wall]
-        if _beside(x, y, z, reach, solids):
+        if beside_solid(x, y, z, reach, solids):
             seen = not crosses_solid(x, y, z, at[0] + d * n[0], at[1] + d * n[1], at[2] + d * n[2], solids)
         else:
             seen = (x - at[0]) * n[0] + (y - at[1]) * n[1] + (z - at[2]) * n[2] > 0.0

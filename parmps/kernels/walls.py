@@ -150,6 +150,30 @@ def distances(position, walls):
 
 
 @njit(cache=True, error_model="numpy")
+def beside_solid(x, y, z, reach, solids):
+    """Whether a point is inside a baffle, or nearer to it than ``reach`` along every axis.
+
+    Parameters
+    ----------
+    x, y, z, reach : float64, m
+    solids : (m, 2, 3) float64, m
+        As in `crosses_solid`.
+
+    Returns
+    -------
+    bool
+    """
+    for solid in solids:
+        if (
+            solid[0, 0] - reach < x < solid[1, 0] + reach
+            and solid[0, 1] - reach < y < solid[1, 1] + reach
+            and solid[0, 2] - reach < z < solid[1, 2] + reach
+        ):
+            return True
+    return False
+
+
+@njit(cache=True, error_model="numpy")
 def crosses_solid(x1, y1, z1, x2, y2, z2, solids):
     """Whether the segment between two points passes through a baffle from one side to another.
 
