@@ -119,15 +119,16 @@ def keep_off_walls(position, velocity, kind, walls, least, rows):
     """
     count = 0
     low, high = walls.container[0] + least, walls.container[1] - least
+    solids, planes = walls.solids, walls.planes
     flat = len(walls.rounds) + walls.field.size == 0
     for i in range(rows):
         if kind[i] != 0:
             continue
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
         if flat and low[0] <= x <= high[0] and low[1] <= y <= high[1] and low[2] <= z <= high[2]:
-            clear = not beside_solid(x, y, z, least, walls.solids)
-            for plane in walls.planes:
-                clear &= plane[0] * x + plane[1] * y + plane[2] * z - plane[3] >= least
+            clear = len(solids) == 0 or not beside_solid(x, y, z, least, solids)
+            for k in range(len(planes)):
+                clear &= planes[k, 0] * x + planes[k, 1] * y + planes[k, 2] * z - planes[k, 3] >= least
             if clear:
                 continue  # most particles
         for _ in range(3):  # in a corner, one wall after the other
