@@ -11,7 +11,7 @@ import time as clock
 import numpy as np
 from mpi4py import MPI
 
-from parmps.kernels.pairs import bounds, within
+from parmps.kernels.pairs import any_within, bounds, within
 from parmps.particles import FIELDS, Particles
 
 BISECTIONS = 48
@@ -39,7 +39,7 @@ class Domain:
         self.rank, self.size = self.comm.rank, self.comm.size
         self._ending = self.comm.Dup()
         self.halo = 0
-        self._sends, self._receives = [], []  # (rank, indices) and (rank, begin, end)
+        self._sent, self._sends, self._receives = {}, [], []  # by rank: masks, indices, and (begin, end)
         self._channels = {}
 
     # Sums over the ranks
@@ -257,7 +257,9 @@ class Domain:
         """
         if self.size == 1:
             return
-        self._sends = [(other, np.flatnonzero(inside)) for other, inside in self._near_others(particles, width)]
+        position = particles.position[: particles.owned]
+        self._sent = {other: within(position, low, high) for other, low, high in self._near_others(particles, width)}
+        self._sends = [(other, np.flatnonzero(inside)) for other, inside in self._sent.items()]
         neighbours = [other for other, _ in self._sends]
         counts, requests = np.zeros(len(neighbours), np.int64), []
         for k, other in enumerate(neighbours):
@@ -289,20 +291,20 @@ class Domain:
         """
         if self.size == 1:
             return False
-        sent, late = dict(self._sends), False
-        for other, inside in self._near_others(particles, reach):
-            inside[sent.get(other, [])] = False
-            late |= bool(inside.any())
+        position, late = particles.position[: particles.owned], False
+        for other, low, high in self._near_others(particles, reach):
+            sent = self._sent.get(other)
+            late |= within(position, low, high).any() if sent is None else any_within(position, sent, low, high)
         return bool(self.max(int(late)))
 
     def _near_others(self, particles, width):
-        """Ranks whose box is near this one's, and which of this rank's particles are within ``width`` of it."""
+        """Ranks whose box is near this one's, and the corners of that box, wider by ``width``."""
         box, boxes = bounds(particles.position, particles.kind, particles.owned), np.empty((self.size, 2, 3))
         self.comm.Allgather(box, boxes)
-        near = np.all((boxes[:, 0] <= box[1] + width) & (boxes[:, 1] >= box[0] - width), axis=1)
+        low, high = boxes[:, 0] - width, boxes[:, 1] + width
+        near = np.all((low <= box[1]) & (high >= box[0]), axis=1)
         near[self.rank] = False
-        position = particles.position[: particles.owned]
-        return [(int(k), within(position, boxes[k, 0] - width, boxes[k, 1] + width)) for k in np.flatnonzero(near)]
+        return [(int(k), low[k], high[k]) for k in np.flatnonzero(near)]
 
     def exchange(self, *arrays):
         """Fill the halo's rows of arrays from the ranks that own them.

@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+from numba import njit
 
 from parmps.kernels.compiled import compiled
 from parmps.kernels.walls import beside_solid, crosses_solid
@@ -261,6 +262,13 @@ def bounds(position, kind, count):
     return box
 
 
+@njit(inline="always")
+def _in_box(position, i, lower, upper):
+    """Whether particle i is in a box; all comparisons are done, without a branch."""
+    x, y, z = position[i, 0], position[i, 1], position[i, 2]
+    return (lower[0] <= x) & (x <= upper[0]) & (lower[1] <= y) & (y <= upper[1]) & (lower[2] <= z) & (z <= upper[2])
+
+
 @compiled
 def within(position, lower, upper):
     """Tell which particles are in a box.
@@ -277,12 +285,28 @@ def within(position, lower, upper):
     """
     inside = np.empty(position.shape[0], np.bool_)
     for i in range(position.shape[0]):
-        x, y, z = position[i, 0], position[i, 1], position[i, 2]
-        # no `and`: every particle does all comparisons, without a branch
-        inside[i] = (
-            (lower[0] <= x) & (x <= upper[0]) & (lower[1] <= y) & (y <= upper[1]) & (lower[2] <= z) & (z <= upper[2])
-        )
+        inside[i] = _in_box(position, i, lower, upper)
     return inside
+
+
+@compiled
+def any_within(position, known, lower, upper):
+    """Tell whether a particle is in a box that is not among known ones.
+
+    Parameters
+    ----------
+    position, lower, upper
+        As in `within`.
+    known : (n,) bool
+
+    Returns
+    -------
+    bool
+    """
+    found = False
+    for i in range(position.shape[0]):
+        found |= _in_box(position, i, lower, upper) & (not known[i])
+    return found
 
 
 @compiled
