@@ -4,7 +4,7 @@ import numpy as np
 from results import rms
 
 TITLE = "Two viscous layers between plates"
-SPACINGS = (0.005,)
+SPACINGS = (0.005, 0.0025)
 ACCELERATION = 2.0
 """rad/s2, of spin.csv."""
 VARIANTS = {f"ratio {ratio}": [f"fluids[1].kinematic_viscosity={1e-3 * ratio}"] for ratio in (1, 10, 100)}
