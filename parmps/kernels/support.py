@@ -12,7 +12,7 @@ def support_by_mass(kind, fluid, share, near, first, last, other, strength, out)
 
     Parameters
     ----------
-    fluid : (n,) int8
+    kind, fluid : (n,) int8
     share
         Table of `Liquids`.
     near : (m,) int32
