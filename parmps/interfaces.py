@@ -109,6 +109,8 @@ class Links:
     ----------
     begin, index, offset, image, mirror
         As made by `interface.image_links`.
+    smooth, strength
+        As made by `interface.link_weights`.
     """
 
     def __init__(self, sim, near):
@@ -123,6 +125,8 @@ class Links:
         lists = (near.index, first, last, other)
         into = (self.begin, self.index, self.offset, self.image, self.mirror)
         interface.image_links(p.position, p.kind, *walls, *lists, reach, *into)
+        self.smooth, self.strength = np.empty((2, self.begin[-1]))
+        interface.link_weights(self.offset, sim.l0, sim.scheme.radius, self.smooth, self.strength)
 
 
 def smooth_fraction(sim, fraction, near, links):
@@ -136,9 +140,8 @@ def smooth_fraction(sim, fraction, near, links):
         Has the result.
     links : Links
     """
-    between = (links.begin, links.index, links.offset, sim.l0, sim.scheme.radius)
     common = (sim.particles.fluid, sim.liquids.sheet)
-    interface.smooth_fraction(*common, fraction, near.index, *between, near.fraction)
+    interface.smooth_fraction(*common, fraction, near.index, links.begin, links.index, links.smooth, near.fraction)
     sim.domain.exchange(near.fraction)
 
 
@@ -152,9 +155,10 @@ def find_normals(sim, near, links):
         Has the fraction, and the result.
     links : Links
     """
-    between = (links.begin, links.index, links.offset, links.image, sim.l0, sim.scheme.radius, sim.dimension)
+    between = (links.begin, links.index, links.offset, links.image, links.strength)
     common = (sim.particles.fluid, sim.liquids.sheet)
-    interface.normals(*common, near.fraction, near.index, *between, near.normal, near.beyond)
+    into = (near.normal, near.beyond)
+    interface.normals(*common, near.fraction, near.index, *between, sim.l0, sim.dimension, *into)
     sim.domain.exchange(near.normal)
 
 
@@ -195,15 +199,14 @@ def find_curvature(sim):
         smooth_fraction(sim, fraction, near, links)
         fraction = near.fraction.copy()
     find_normals(sim, near, links)
-    common, scale = (p.fluid, sim.liquids.sheet), (sim.l0, sim.scheme.radius)
-    between = (links.begin, links.index, links.offset)
+    common, between = (p.fluid, sim.liquids.sheet), (links.begin, links.index, links.offset)
     w.bend[:] = 0.0
-    images = (*between, links.image, links.mirror)
-    interface.curvature(*common, near.normal, near.index, *images, *scale, sim.dimension, w.bend)
+    images = (*between, links.image, links.mirror, links.strength)
+    interface.curvature(*common, near.normal, near.index, *images, sim.dimension, w.bend)
     for _ in range(SMOOTHINGS):
         sim.domain.exchange(w.bend)
-        before = w.bend.copy()
-        interface.smooth_curvature(*common, before, near.normal, near.index, *between, *scale, w.bend)
+        weights = (*between, links.strength, sim.scheme.radius)
+        interface.smooth_curvature(*common, w.bend.copy(), near.normal, near.index, *weights, w.bend)
     share_with_walls(sim, w.bend)
 
 

@@ -71,7 +71,7 @@ def corrected_gradient(
                 s *= there - here
             else:
                 if tension is not None:
-                    there -= pressure_jump(fluid[i], fluid[j], tension, bend[i], bend[j])
+                    there -= pressure_jump(tension[fluid[i], fluid[j]], bend[i], bend[j])
                 s *= volume[fluid[i], fluid[j]] * (there - here)
             gx += s * (position[j, 0] - x)
             gz += s * (position[j, 2] - z)
@@ -245,7 +245,7 @@ def residual_damping(
                 rx, ry, rz = along * nx, along * ny, along * nz
             s *= min(base + slope * math.sqrt(rx * rx + ry * ry + rz * rz), 0.3)
             here = there = s / n0
-            if fluid is not None:
+            if fluid is not None and fluid[i] != fluid[j]:
                 here *= 2.0 * share[fluid[j], fluid[i]]
                 there *= 2.0 * share[fluid[i], fluid[j]]
             ax += here * rx

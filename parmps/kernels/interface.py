@@ -11,14 +11,13 @@ from parmps.kernels.weight import smooth_weight, weight
 
 
 @njit(inline="always")
-def pressure_jump(own, its, tension, own_bend, its_bend):
+def pressure_jump(tension, own_bend, its_bend):
     """Jump of the pressure from a particle of one liquid to one of another, sigma kappa (Young and Laplace), Pa.
 
     Parameters
     ----------
-    own, its : int
-        Numbers of the two liquids; no jump within one.
-    tension : (liquids, liquids) float64, N/m
+    tension : float, N/m
+        Between the two liquids; 0 within one.
     own_bend, its_bend : float, 1/m
         Curvature of the interface at the two particles, each positive where its own liquid is convex.
 
@@ -26,9 +25,12 @@ def pressure_jump(own, its, tension, own_bend, its_bend):
     -------
     float
     """
-    if own == its:
-        return 0.0
-    return 0.5 * tension[own, its] * (its_bend - own_bend)
+    return 0.5 * tension * (its_bend - own_bend)
+
+
+@njit(inline="always")
+def _length(x, y, z):
+    return math.sqrt(x * x + y * y + z * z)
 
 
 @compiled
@@ -222,7 +224,30 @@ def _parallel(normal, walls, count):
 
 
 @compiled
-def smooth_fraction(fluid, sheet, fraction, near, begin, index, offset, l0, reach, out):
+def link_weights(offset, l0, reach, smooth, strength):
+    """Smooth weights of links, and W / r^2, which several smoothings and gradients share.
+
+    Parameters
+    ----------
+    offset : (links, 3) float64, m
+        As made by `image_links`.
+    l0 : float
+        Spacing, m.
+    reach : float
+        In spacings.
+    smooth : (links,) float64
+        Filled.
+    strength : (links,) float64, 1/m2
+        Filled.
+    """
+    for k in range(smooth.shape[0]):
+        r2 = offset[k, 0] ** 2 + offset[k, 1] ** 2 + offset[k, 2] ** 2
+        r = math.sqrt(r2) / l0
+        smooth[k], strength[k] = smooth_weight(r, reach), weight(r, reach) / r2
+
+
+@compiled
+def smooth_fraction(fluid, sheet, fraction, near, begin, index, smooth, out):
     """Smooth the share of a particle's own liquid in its neighbourhood, by the smooth weight.
 
     From 1 everywhere, as without smoothing, it makes the colour function, smoothed once.
@@ -235,12 +260,10 @@ def smooth_fraction(fluid, sheet, fraction, near, begin, index, offset, l0, reac
     fraction : (n,) float64
     near : (m,) int32
         Particles near an interface.
-    begin, index, offset
+    begin, index
         As made by `image_links`.
-    l0 : float
-        Spacing, m.
-    reach : float
-        In spacings.
+    smooth : (links,) float64
+        As made by `link_weights`.
     out : (n,) float64
         Filled for those particles.
     """
@@ -248,22 +271,14 @@ def smooth_fraction(fluid, sheet, fraction, near, begin, index, offset, l0, reac
         i = near[a]
         total, value = 1.0, fraction[i]
         for k in range(begin[a], begin[a + 1]):
-            j = index[k]
-            r2 = offset[k, 0] ** 2 + offset[k, 1] ** 2 + offset[k, 2] ** 2
-            w = smooth_weight(math.sqrt(r2) / l0, reach)
+            j, w = index[k], smooth[k]
             total += w
             value += w * (1.0 - fraction[j] if sheet[fluid[i], fluid[j]] else fraction[j])
         out[i] = value / total
 
 
-@njit(inline="always")
-def _strength(r2, l0, reach):
-    """W / r^2 of a link, in 1/m2."""
-    return weight(math.sqrt(r2) / l0, reach) / r2
-
-
 @compiled
-def normals(fluid, sheet, fraction, near, begin, index, offset, image, l0, reach, dimension, out, beyond):
+def normals(fluid, sheet, fraction, near, begin, index, offset, image, strength, l0, dimension, out, beyond):
     """Normals of the interface, out of each particle's own liquid, and the first moment of what lies beyond.
 
     They are as long as the fraction of the own liquid is steep: short where they are not certain, as in the middle
@@ -271,10 +286,14 @@ def normals(fluid, sheet, fraction, near, begin, index, offset, image, l0, reach
 
     Parameters
     ----------
-    fluid, sheet, near, begin, index, offset, image, l0, reach
+    fluid, sheet, near, begin, index, offset, image
         As in `smooth_fraction` and `image_links`.
     fraction : (n,) float64
         As made by `smooth_fraction`; 1 away from interfaces.
+    strength : (links,) float64, 1/m2
+        As made by `link_weights`.
+    l0 : float
+        Spacing, m.
     dimension : int
     out : (n, 3) float64, 1/spacings
         Filled for those particles.
@@ -284,28 +303,33 @@ def normals(fluid, sheet, fraction, near, begin, index, offset, image, l0, reach
     matrix, inverse = np.empty((1, 6)), np.empty((1, 6))
     for a in range(near.shape[0]):
         i = near[a]
-        gx = gy = gz = qx = qy = qz = total = 0.0
-        matrix[:] = 0.0
+        gx = gy = gz = qx = qy = qz = 0.0
+        xx = xy = xz = yy = yz = zz = 0.0
         for k in range(begin[a], begin[a + 1]):
             j = index[k]
             dx, dy, dz = offset[k, 0], offset[k, 1], offset[k, 2]
-            r2 = dx * dx + dy * dy + dz * dz
-            s = _strength(r2, l0, reach)
+            s = strength[k]
             other = sheet[fluid[i], fluid[j]]
             if other and image[k] == 0:
                 qx += s * dx
                 qy += s * dy
                 qz += s * dz
-            total += s * r2
-            add_moment(matrix[0], s, dx, dy, dz)
+            xx += s * dx * dx
+            xy += s * dx * dy
+            xz += s * dx * dz
+            yy += s * dy * dy
+            yz += s * dy * dz
+            zz += s * dz * dz
             s *= fraction[i] - (1.0 - fraction[j] if other else fraction[j])
             gx += s * dx
             gy += s * dy
             gz += s * dz
         beyond[i, 0], beyond[i, 1], beyond[i, 2] = l0 * qx, l0 * qy, l0 * qz
-        out[i] = 0.0
+        out[i], total = 0.0, xx + yy + zz
         if total == 0.0:
             continue
+        matrix[0, 0], matrix[0, 1], matrix[0, 2] = xx, xy, xz
+        matrix[0, 3], matrix[0, 4], matrix[0, 5] = yy, yz, zz
         matrix *= dimension / total
         invert(matrix, 0.2, dimension, inverse)
         m, scale = inverse[0], l0 * dimension / total
@@ -339,21 +363,26 @@ def find_slip(velocity, kind, fluid, sheet, near, first, last, other, limit, sli
     slips : (n,) int8
         Filled for those particles: 1 where the difference is no greater.
     """
-    own, beyond = np.empty(3), np.empty(3)
     for i in near:
-        own[:], beyond[:] = velocity[i], 0.0
+        ox, oy, oz = velocity[i, 0], velocity[i, 1], velocity[i, 2]
+        bx = by = bz = 0.0
         within, across = 1, 0
         for k in range(first[i], last[i]):
             j = other[k]
             if kind[j] != 0:
                 continue
             if sheet[fluid[i], fluid[j]]:
-                beyond += velocity[j]
+                bx += velocity[j, 0]
+                by += velocity[j, 1]
+                bz += velocity[j, 2]
                 across += 1
             else:
-                own += velocity[j]
+                ox += velocity[j, 0]
+                oy += velocity[j, 1]
+                oz += velocity[j, 2]
                 within += 1
-        slips[i] = _length(own / within - beyond / max(across, 1)) <= limit
+        a, b = 1.0 / within, 1.0 / max(across, 1)
+        slips[i] = _length(a * ox - b * bx, a * oy - b * by, a * oz - b * bz) <= limit
 
 
 @compiled
@@ -584,7 +613,7 @@ def pressure_gradient(
             dz = (position[j, 2] - position[i, 2]) / l0
             there = pressure[j] if surface[j] == 0 else max(pressure[j], 0.0)
             if tension is not None:
-                there -= pressure_jump(fluid[i], fluid[j], tension, bend[i], bend[j])
+                there -= pressure_jump(tension[fluid[i], fluid[j]], bend[i], bend[j])
             if fluid is not None:
                 b = volume[fluid[i], fluid[j]]
             q = b * (there - here) / (density * l0) - force[i, 0] * dx - force[i, 1] * dy - force[i, 2] * dz
@@ -653,13 +682,19 @@ def asymmetry_across(position, kind, fluid, sheet, near, first, last, other, str
     scale = dimension / n0
     for a in range(near.shape[0]):
         i = near[a]
-        out[a] = 0.0
+        x = y = z = 0.0
         for k in range(first[i], last[i]):
             j = other[k]
             if kind[j] != 0 or not sheet[fluid[i], fluid[j]]:
                 continue
-            d = position[j] - position[i]
-            out[a] -= scale * strength[k] * _length(d) * d
+            dx = position[j, 0] - position[i, 0]
+            dy = position[j, 1] - position[i, 1]
+            dz = position[j, 2] - position[i, 2]
+            s = scale * strength[k] * _length(dx, dy, dz)
+            x -= s * dx
+            y -= s * dy
+            z -= s * dz
+        out[a, 0], out[a, 1], out[a, 2] = x, y, z
 
 
 @compiled
@@ -683,7 +718,7 @@ def solve_gradient(force, near, inverse, sums, out):
 
 
 @compiled
-def curvature(fluid, sheet, normal, near, begin, index, offset, image, mirror, l0, reach, dimension, out):
+def curvature(fluid, sheet, normal, near, begin, index, offset, image, mirror, strength, dimension, out):
     """Curvature of the interface near each particle, div n with n out of its own liquid; positive where it is convex.
 
     The divergence of the unit normal is a least-squares fit to the neighbours near the interface, those of other
@@ -692,8 +727,8 @@ def curvature(fluid, sheet, normal, near, begin, index, offset, image, mirror, l
 
     Parameters
     ----------
-    fluid, sheet, near, begin, index, offset, image, mirror, l0, reach
-        As in `smooth_fraction` and `image_links`.
+    fluid, sheet, near, begin, index, offset, image, mirror, strength
+        As in `normals` and `image_links`.
     normal : (n, 3) float64
         As made by `normals`; 0 away from interfaces.
     dimension : int
@@ -701,69 +736,79 @@ def curvature(fluid, sheet, normal, near, begin, index, offset, image, mirror, l
         Filled for those particles.
     """
     matrix, inverse = np.empty((1, 6)), np.empty((1, 6))
-    g = np.empty((3, 3))
-    own, its = np.empty(3), np.empty(3)
     for a in range(near.shape[0]):
         i = near[a]
-        matrix[:] = g[:] = 0.0
-        total = 0.0
-        own[:] = normal[i] / (_length(normal[i]) + 1e-300)
+        gxx = gxy = gxz = gyx = gyy = gyz = gzx = gzy = gzz = 0.0
+        xx = xy = xz = yy = yz = zz = 0.0
+        size = 1.0 / (_length(normal[i, 0], normal[i, 1], normal[i, 2]) + 1e-300)
+        ox, oy, oz = size * normal[i, 0], size * normal[i, 1], size * normal[i, 2]
         for k in range(begin[a], begin[a + 1]):
-            j, d = index[k], offset[k]
-            steep = _length(normal[j])
+            j = index[k]
+            nx, ny, nz = normal[j, 0], normal[j, 1], normal[j, 2]
+            steep = _length(nx, ny, nz)
             if steep == 0.0:
                 continue
-            r2 = d[0] ** 2 + d[1] ** 2 + d[2] ** 2
-            s = steep * _strength(r2, l0, reach)
-            its[:] = normal[j] / (-steep if sheet[fluid[i], fluid[j]] else steep)
-            for wall in range(3):
-                if image[k] & (1 << wall):
-                    n = mirror[a, wall]
-                    its[:] -= 2.0 * (its[0] * n[0] + its[1] * n[1] + its[2] * n[2]) * n
-            total += s * r2
-            for b in range(3):
-                for c in range(3):
-                    g[b, c] += s * (its[b] - own[b]) * d[c]
-            add_moment(matrix[0], s, d[0], d[1], d[2])
-        out[i] = 0.0
+            size = -1.0 / steep if sheet[fluid[i], fluid[j]] else 1.0 / steep
+            nx, ny, nz = size * nx, size * ny, size * nz
+            if image[k] != 0:
+                for wall in range(3):
+                    if image[k] & (1 << wall):
+                        mx, my, mz = mirror[a, wall, 0], mirror[a, wall, 1], mirror[a, wall, 2]
+                        across = 2.0 * (nx * mx + ny * my + nz * mz)
+                        nx, ny, nz = nx - across * mx, ny - across * my, nz - across * mz
+            nx, ny, nz = nx - ox, ny - oy, nz - oz
+            s = steep * strength[k]
+            dx, dy, dz = offset[k, 0], offset[k, 1], offset[k, 2]
+            sx, sy, sz = s * dx, s * dy, s * dz
+            gxx += nx * sx
+            gxy += nx * sy
+            gxz += nx * sz
+            gyx += ny * sx
+            gyy += ny * sy
+            gyz += ny * sz
+            gzx += nz * sx
+            gzy += nz * sy
+            gzz += nz * sz
+            xx += dx * sx
+            xy += dx * sy
+            xz += dx * sz
+            yy += dy * sy
+            yz += dy * sz
+            zz += dz * sz
+        out[i], total = 0.0, xx + yy + zz
         if total == 0.0:
             continue
+        matrix[0, 0], matrix[0, 1], matrix[0, 2] = xx, xy, xz
+        matrix[0, 3], matrix[0, 4], matrix[0, 5] = yy, yz, zz
         matrix *= dimension / total
-        g *= dimension / total
         invert(matrix, 0.2, dimension, inverse)
         m = inverse[0]
-        out[i] = (
-            g[0, 0] * m[0] + g[0, 1] * m[1] + g[0, 2] * m[2]
-            + g[1, 0] * m[1] + g[1, 1] * m[3] + g[1, 2] * m[4]
-            + g[2, 0] * m[2] + g[2, 1] * m[4] + g[2, 2] * m[5]
-        )
-
-
-@njit(inline="always")
-def _length(vector):
-    return math.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2)
+        trace = gxx * m[0] + gyy * m[3] + gzz * m[5] + (gxy + gyx) * m[1] + (gxz + gzx) * m[2] + (gyz + gzy) * m[4]
+        out[i] = trace * dimension / total
 
 
 @compiled
-def smooth_curvature(fluid, sheet, bend, normal, near, begin, index, offset, l0, reach, out):
+def smooth_curvature(fluid, sheet, bend, normal, near, begin, index, offset, strength, reach, out):
     """Mean of the curvature over the neighbourhood, weighted by the steepness of the colour function.
 
     Parameters
     ----------
-    fluid, sheet, normal, near, begin, index, offset, l0, reach
+    fluid, sheet, normal, near, begin, index, offset, strength
         As in `curvature`.
     bend : (n,) float64, 1/m
+    reach : float
+        In spacings.
     out : (n,) float64, 1/m
         Filled for those particles.
     """
     for a in range(near.shape[0]):
         i = near[a]
-        total = weight(0.0, reach) * _length(normal[i])
+        total = weight(0.0, reach) * _length(normal[i, 0], normal[i, 1], normal[i, 2])
         value = total * bend[i]
         for k in range(begin[a], begin[a + 1]):
             j = index[k]
-            r = _length(offset[k])
-            s = weight(r / l0, reach) * _length(normal[j])
+            s = strength[k] * (offset[k, 0] ** 2 + offset[k, 1] ** 2 + offset[k, 2] ** 2)
+            s *= _length(normal[j, 0], normal[j, 1], normal[j, 2])
             total += s
             value += -s * bend[j] if sheet[fluid[i], fluid[j]] else s * bend[j]
         out[i] = value / (total + 1e-300)

@@ -126,8 +126,10 @@ def poisson_rows(
         count += 1
         diagonal = flux = jumps = held = 0.0
         own = 1.0
+        mine = its = 0
         if fluid is not None:
-            own = volume[fluid[i], fluid[i]]
+            mine = fluid[i]
+            own = volume[mine, mine]
         liquid = kind[i] == 0
         hx, hy, hz = link_force[i, 0], link_force[i, 1], link_force[i, 2]
         for k in range(first[i], last[i]):
@@ -137,10 +139,12 @@ def poisson_rows(
             j = other[k]
             dx, dy, dz = position[j, 0] - x, position[j, 1] - y, position[j, 2] - z
             w = s * (dx * dx + dy * dy + dz * dz)
+            if fluid is not None:
+                its = fluid[j]
             if liquid and kind[j] == 0:
                 a = 0.5
                 if fluid is not None:
-                    a = share[fluid[i], fluid[j]]
+                    a = share[mine, its]
                 b = 1.0 - a
                 fx, fy, fz = a * hx + b * link_force[j, 0], a * hy + b * link_force[j, 1], a * hz + b * link_force[j, 2]
                 flux += w * (fx * dx + fy * dy + fz * dz)
@@ -149,9 +153,9 @@ def poisson_rows(
                 f = i if liquid else j
                 flux += w * (wall_force[f, 0] * dx + wall_force[f, 1] * dy + wall_force[f, 2] * dz)
             if fluid is not None:
-                w *= volume[fluid[i], fluid[j]]
-                if tension is not None:
-                    jumps += w * pressure_jump(fluid[i], fluid[j], tension, bend[i], bend[j])
+                w *= volume[mine, its]
+                if tension is not None and mine != its:
+                    jumps += w * pressure_jump(tension[mine, its], bend[i], bend[j])
             diagonal += w
             if surface[j] != 0 and not ghost:
                 continue

@@ -7,24 +7,9 @@ from parmps.kernels.velocity import ghost_ratio
 
 
 @njit(inline="always")
-def _link(i, j, k, position, kind, normal, depth, strength, l0):
-    """Weight of a link of fluid particle i; a wall's velocity is a multiple of the fluid's, which the weight holds."""
-    dx = position[j, 0] - position[i, 0]
-    dy = position[j, 1] - position[i, 1]
-    dz = position[j, 2] - position[i, 2]
-    w = strength[k] * (dx * dx + dy * dy + dz * dz)
-    if kind[j] != 0:
-        height = -(dx * normal[j, 0] + dy * normal[j, 1] + dz * normal[j, 2]) - depth[j]
-        w *= 1.0 + ghost_ratio(depth[j], height, l0)
-    return w
-
-
-@njit(inline="always")
-def _between(i, j, kind, viscosity, fluid):
-    """Kinematic viscosity of fluid particle i in its interaction with j: its own one at a wall."""
-    if fluid is None:
-        return viscosity[0, 0]
-    return viscosity[fluid[i], fluid[j] if kind[j] == 0 else fluid[i]]
+def _reversed(dx, dy, dz, nx, ny, nz, depth, l0):
+    """Velocity that a wall particle at (dx, dy, dz) lacks, over that of the fluid particle: 1 and what is beyond."""
+    return 1.0 + ghost_ratio(depth, -(dx * nx + dy * ny + dz * nz) - depth, l0)
 
 
 @compiled
@@ -79,23 +64,33 @@ def add_viscosity(
         As in `poisson_rows`.
     """
     scale = dt * 2.0 * dimension / (n0 * lam * l0 * l0)
+    own = its = 0
     for i in range(rows):
+        x, y, z = position[i, 0], position[i, 1], position[i, 2]
+        vx, vy, vz = velocity[i, 0], velocity[i, 1], velocity[i, 2]
         ax = ay = az = 0.0
+        if fluid is not None:
+            own = fluid[i]
         for k in range(first[i], last[i]):
             j = other[k]
-            w = scale * _link(i, j, k, position, kind, normal, depth, strength, l0)
-            w *= _between(i, j, kind, viscosity, fluid)
+            dx, dy, dz = position[j, 0] - x, position[j, 1] - y, position[j, 2] - z
+            w = strength[k] * (dx * dx + dy * dy + dz * dz)
             if kind[j] == 0:
-                ax += w * (velocity[j, 0] - velocity[i, 0])
-                ay += w * (velocity[j, 1] - velocity[i, 1])
-                az += w * (velocity[j, 2] - velocity[i, 2])
+                if fluid is not None:
+                    its = fluid[j]
+                w *= viscosity[own, its]
+                ax += w * (velocity[j, 0] - vx)
+                ay += w * (velocity[j, 1] - vy)
+                az += w * (velocity[j, 2] - vz)
             else:
-                ax -= w * velocity[i, 0]
-                ay -= w * velocity[i, 1]
-                az -= w * velocity[i, 2]
-        out[i, 0] += ax
-        out[i, 1] += ay
-        out[i, 2] += az
+                w *= viscosity[own, own]
+                w *= _reversed(dx, dy, dz, normal[j, 0], normal[j, 1], normal[j, 2], depth[j], l0)
+                ax -= w * vx
+                ay -= w * vy
+                az -= w * vz
+        out[i, 0] += scale * ax
+        out[i, 1] += scale * ay
+        out[i, 2] += scale * az
 
 
 @compiled
@@ -144,20 +139,28 @@ def viscosity_rows(
     rows = row_first.shape[0] - 1
     count = beyond = 0
     row_first[0] = halo_first[0] = 0
+    own = its = 0
     for i in range(rows):
-        own = density[0] if fluid is None else density[fluid[i]]
-        diagonal = own
+        x, y, z = position[i, 0], position[i, 1], position[i, 2]
+        if fluid is not None:
+            own = fluid[i]
+        diagonal = density[own]
         at_diagonal = count
         count += 1
         for k in range(first[i], last[i] if kind[i] == 0 else first[i]):
             if strength[k] == 0.0:
                 continue
             j = other[k]
-            w = own * scale * _link(i, j, k, position, kind, normal, depth, strength, l0)
-            w *= _between(i, j, kind, viscosity, fluid)
-            diagonal += w
+            dx, dy, dz = position[j, 0] - x, position[j, 1] - y, position[j, 2] - z
+            w = density[own] * scale * strength[k] * (dx * dx + dy * dy + dz * dz)
             if kind[j] != 0:
+                w *= _reversed(dx, dy, dz, normal[j, 0], normal[j, 1], normal[j, 2], depth[j], l0)
+                diagonal += w * viscosity[own, own]
                 continue
+            if fluid is not None:
+                its = fluid[j]
+            w *= viscosity[own, its]
+            diagonal += w
             if j < rows:
                 columns[count], values[count] = j, -w
                 count += 1
