@@ -301,10 +301,10 @@ class Domain:
         """Ranks whose box is near this one's, and the corners of that box, wider by ``width``."""
         box, boxes = bounds(particles.position, particles.kind, particles.owned), np.empty((self.size, 2, 3))
         self.comm.Allgather(box, boxes)
-        low, high = boxes[:, 0] - width, boxes[:, 1] + width
-        near = np.all((low <= box[1]) & (high >= box[0]), axis=1)
+        # The same differences on both ranks of a pair: if rounding told only one of them, it would wait for ever.
+        near = np.all(np.maximum(boxes[:, 0] - box[1], box[0] - boxes[:, 1]) <= width, axis=1)
         near[self.rank] = False
-        return [(int(k), low[k], high[k]) for k in np.flatnonzero(near)]
+        return [(int(k), boxes[k, 0] - width, boxes[k, 1] + width) for k in np.flatnonzero(near)]
 
     def exchange(self, *arrays):
         """Fill the halo's rows of arrays from the ranks that own them.
