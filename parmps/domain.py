@@ -291,10 +291,9 @@ class Domain:
         """
         if self.size == 1:
             return False
-        position, late = particles.position[: particles.owned], False
+        position, none, late = particles.position[: particles.owned], np.zeros(particles.owned, bool), False
         for other, low, high in self._near_others(particles, reach):
-            sent = self._sent.get(other)
-            late |= within(position, low, high).any() if sent is None else any_within(position, sent, low, high)
+            late |= any_within(position, self._sent.get(other, none), low, high)
         return bool(self.max(int(late)))
 
     def _near_others(self, particles, width):

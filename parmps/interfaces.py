@@ -48,6 +48,8 @@ class Near:
         Filled near interfaces alone.
     slips : (count,) int8
         1 where the liquids slide along each other as a sheet.
+    slipping : (k,) int32
+        The particles that slip and have support, as found with that.
     """
 
     def __init__(self, rows, count):
@@ -58,6 +60,7 @@ class Near:
         self.beyond = np.zeros((rows, 3))
         self.divergence = np.empty(rows)
         self.slips = np.zeros(count, np.int8)
+        self.slipping = self.index
 
     def reset(self, count):
         """Forget the particles of the step before.
@@ -175,17 +178,6 @@ def find_interfaces(sim):
     sim.domain.exchange(near.slips)
 
 
-def slipping(sim):
-    """Particles near interfaces that slip and have support.
-
-    Returns
-    -------
-    (k,) int32
-    """
-    near = sim.work.near_interface
-    return near.index[(near.slips[near.index] != 0) & (sim.work.support[near.index] == 1.0)]
-
-
 def find_curvature(sim):
     """Curvature of the interfaces, which surface tension makes a jump of the pressure.
 
@@ -203,9 +195,9 @@ def find_curvature(sim):
     w.bend[:] = 0.0
     images = (*between, links.image, links.mirror, links.strength)
     interface.curvature(*common, near.normal, near.index, *images, sim.dimension, w.bend)
+    weights = (*between, links.strength, sim.scheme.radius)
     for _ in range(SMOOTHINGS):
         sim.domain.exchange(w.bend)
-        weights = (*between, links.strength, sim.scheme.radius)
         interface.smooth_curvature(*common, w.bend.copy(), near.normal, near.index, *weights, w.bend)
     share_with_walls(sim, w.bend)
 
@@ -220,7 +212,7 @@ def correct_divergence(sim):
     divergence : (m,) float64, 1/s
     """
     p, w, near = sim.particles, sim.work, sim.work.near_interface
-    index = slipping(sim)
+    index = near.slipping
     common = (p.kind, p.fluid, near.slips, sim.liquids.sheet)
     links = (index, *sim.pairs.wet, sim.strength)
     scale = (sim.lattice.density, sim.dimension)
@@ -246,7 +238,7 @@ def correct_divergence(sim):
 def correct_acceleration(sim):
     """Set grad P / rho where its tangential part jumps with the density, at interfaces, or support is little."""
     p, s, w, near = sim.particles, sim.scheme, sim.work, sim.work.near_interface
-    index = w.weak if near is None else np.concatenate([slipping(sim), w.weak])
+    index = w.weak if near is None else np.concatenate([near.slipping, w.weak])
     inverse, sums = np.empty((len(index), 6)), np.empty((len(index), 3))
     interface.pressure_gradient(
         p.position,
@@ -285,7 +277,7 @@ def limit_shifting(sim):
     beside it and leave a gap between them.
     """
     p, w, near = sim.particles, sim.work, sim.work.near_interface
-    index = slipping(sim)
+    index = near.slipping
     normal, whole = near.normal[index], w.asymmetry[index]
     other = np.empty_like(whole)
     links = (index, *sim.pairs.wet, sim.strength)

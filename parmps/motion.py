@@ -54,6 +54,20 @@ class FrameState(NamedTuple):
     velocity: np.ndarray
     origin: np.ndarray
 
+    def velocity_at(self, position):
+        """Velocity of points fixed to the tank, tank-frame components.
+
+        Parameters
+        ----------
+        position : (..., 3) float64, m
+            Tank frame.
+
+        Returns
+        -------
+        (..., 3) float64, m/s
+        """
+        return self.velocity + np.cross(self.omega, position)
+
 
 class RigidMotion(NamedTuple):
     """A moving frame seen from an outer frame: X(r) = origin + rotation r, with first and second derivatives.
@@ -247,8 +261,7 @@ class Motion:
         -------
         (..., 3) float64, m/s
         """
-        state = self.at(0.0)
-        return -(state.velocity + np.cross(state.omega, position))
+        return -self.at(0.0).velocity_at(position)
 
 
 def _laws(item, key):

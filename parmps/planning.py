@@ -271,7 +271,7 @@ def _motion_extremes(job):
     for t in np.linspace(0.0, job.time.end, SAMPLES):
         frame = motion.at(t)
         force = max(force, np.linalg.norm(frame.force))
-        speed = max(speed, np.linalg.norm(frame.velocity + np.cross(frame.omega, corners), axis=1).max())
+        speed = max(speed, np.linalg.norm(frame.velocity_at(corners), axis=1).max())
     return float(force), float(speed)
 
 

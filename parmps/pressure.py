@@ -390,8 +390,7 @@ def _fill(matrix, blocks, beyond):
 
     ``beyond`` is the number of columns of the halo.
     """
-    parts, rows = [_pointer(), _pointer()], len(blocks.first) - 1
-    columns = ctypes.c_void_p()
+    parts, columns, rows = (_pointer(), _pointer()), _pointer(), len(blocks.first) - 1
     _check(_LIBRARY.MatMPIAIJGetSeqAIJ(_pointer(matrix.handle), *map(ctypes.byref, (*parts, columns))))
     arrays = [_address(array) for array in blocks.arrays]
     alone = _handle(PETSc.COMM_SELF)

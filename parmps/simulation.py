@@ -5,7 +5,6 @@ import time as clock
 
 import numpy as np
 
-from parmps import support
 from parmps.components import Floating
 from parmps.errors import DivergedError
 from parmps.interfaces import Near
@@ -160,6 +159,7 @@ class Simulation:
         self.wide_pairs = Pairs(scheme.volume_radius * self.l0, self.geometry.obstacles, wall_rows=False)
         wide = scheme.volume_radius if scheme.volume_time is not None else 0.0
         self.halo_reach = max(reach, wide * self.l0)
+        self.halo_width = self.halo_reach + HALO_MARGIN * self.l0
         arrays = {
             name: getattr(placement, name) for name in ("id", "kind", "fluid", "parent", "position", "normal", "depth")
         }
@@ -203,9 +203,9 @@ class Simulation:
         p = self.particles
         if len(p) != p.owned:
             p.resize(p.owned)
-        self.domain.build_halo(p, self.halo_reach + HALO_MARGIN * self.l0)
+        self.domain.build_halo(p, self.halo_width)
         centres = p.liquid if self.scheme.position == "start" else p.rows
-        self.work = Work(centres, p.rows, len(p), self.liquids, support.matters(self.job))
+        self.work = Work(centres, p.rows, len(p), self.liquids, "support" in self.seconds)
         self.row = np.full(len(p), -1, np.int64)
         self.row[: p.rows] = self._first_row + np.arange(p.rows)
         self.domain.exchange(self.row)

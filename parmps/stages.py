@@ -382,7 +382,7 @@ def balance_impulse(sim):
     """
     p, w = sim.particles, sim.work
     liquid = p.kind == FLUID
-    jolt = -(sim.frame.velocity + np.cross(sim.frame.omega, p.position))
+    jolt = -sim.frame.velocity_at(p.position)
     own = slice(0, p.liquid)
     mean = sim.domain.sum((p.velocity[own] - jolt[own]).sum(axis=0)) / sim.totals["fluid"]
     jolt[liquid] += mean

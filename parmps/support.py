@@ -38,9 +38,11 @@ def find_support(sim):
     if sim.job.full:
         size = np.linalg.norm(w.asymmetry[: p.liquid], axis=1) / sim.lattice.asymmetry
         w.support[: p.liquid] = np.clip(2.0 - 2.0 * size, 0.0, 1.0)
-    if w.near_interface is not None:
-        links = (w.near_interface.index, *sim.pairs.wet, sim.strength)
+    near = w.near_interface
+    if near is not None:
+        links = (near.index, *sim.pairs.wet, sim.strength)
         support.support_by_mass(p.kind, p.fluid, sim.liquids.share, *links, w.support)
+        near.slipping = near.index[(near.slips[near.index] != 0) & (w.support[near.index] == 1.0)]
     w.weak = np.flatnonzero(w.support[: p.liquid] < 1.0).astype(np.int32)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from parmps.domain import Domain
-from parmps.interfaces import SLIP, correct_acceleration, correct_divergence, find_curvature, slipping
+from parmps.interfaces import SLIP, correct_acceleration, correct_divergence, find_curvature
 from parmps.kernels import viscosity
 from parmps.kernels.weight import lattice
 from parmps.liquids import Liquids
@@ -118,7 +118,7 @@ def test_liquids_slip_no_faster_than_the_shortest_waves(start, share):
     _, near = ready(sim)
     assert len(near.index) == 4 * 20
     np.testing.assert_array_equal(near.slips[near.index], share < 1.0)
-    assert len(slipping(sim)) == (len(near.index) if share < 1.0 else 0)
+    assert len(near.slipping) == (len(near.index) if share < 1.0 else 0)
 
 
 def test_acceleration_where_the_density_jumps(start):

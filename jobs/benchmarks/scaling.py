@@ -42,7 +42,7 @@ from parmps.checkpoint import read_header, read_slabs  # noqa: E402
 from parmps.domain import BISECTIONS, Domain  # noqa: E402
 from parmps.loader import load_job  # noqa: E402
 from parmps.particles import FLUID, WALL  # noqa: E402
-from parmps.simulation import COSTS, HALO_MARGIN, SORT_EVERY, Simulation  # noqa: E402
+from parmps.simulation import COSTS, SORT_EVERY, Simulation  # noqa: E402
 
 HALO_WORK = 0.05
 """Work of a halo particle over that of an owned one: as the bisection weighs dummies."""
@@ -165,8 +165,7 @@ def load_state(job, checkpoint, domain):
     if checkpoint is not None:
         arrays = read_slabs(checkpoint, range(len(read_header(checkpoint).slabs)))
         position, kind = arrays["position"], arrays["kind"]
-    width = sim.halo_reach + HALO_MARGIN * sim.l0
-    return State(position, np.choose(kind, COSTS), (kind == FLUID) | (kind == WALL), width)
+    return State(position, np.choose(kind, COSTS), (kind == FLUID) | (kind == WALL), sim.halo_width)
 
 
 def measure_traffic():
