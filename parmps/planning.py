@@ -9,7 +9,7 @@ from parmps.expectation import changed_settings, error_class, expected_cost, exp
 from parmps.hull import build_hull
 from parmps.kernels.weight import lattice
 from parmps.liquids import Liquids
-from parmps.motion import Motion
+from parmps.motion import FrameState, Motion
 from parmps.particles import FIELDS
 from parmps.simulation import (
     CAPILLARY_STEP,
@@ -59,8 +59,9 @@ def plan_text(job, domain):
     lines = [f"{job.title or 'untitled job'}: {job.dimension}D, {domain.size} rank(s), scheme {job.scheme.preset}"]
     lines += ["", "Particles" if exact else "Particles (an estimate)", *_particle_lines(counts, spacing, exact)]
     lines += ["", "Memory (an estimate)", *_memory_lines(job, counts, domain.size)]
-    lines += ["", "Time steps (an estimate)", *_step_lines(job, spacing)]
-    lines += ["", "Accuracy and cost (by the trade study)", *_trade_lines(job, counts, spacing)]
+    steps = step_estimate(job, spacing)
+    lines += ["", "Time steps (an estimate)", *_step_lines(job, steps)]
+    lines += ["", "Accuracy and cost (by the trade study)", *_trade_lines(job, counts, spacing, steps)]
     lines += ["", "Stages of a step", *_stage_lines(make_plan(job, domain.size))]
     return "\n".join(lines)
 
@@ -267,12 +268,10 @@ def _motion_extremes(job):
         return job.gravity, 0.0
     size = job.tank.size if job.dimension == 3 else (job.tank.length, 0.0, job.tank.height)
     corners = np.stack(np.meshgrid(*[(0.0, side) for side in size]), axis=-1).reshape(-1, 3)
-    force = speed = 0.0
-    for t in np.linspace(0.0, job.time.end, SAMPLES):
-        frame = motion.at(t)
-        force = max(force, np.linalg.norm(frame.force))
-        speed = max(speed, np.linalg.norm(frame.velocity_at(corners), axis=1).max())
-    return float(force), float(speed)
+    frames = [motion.at(t) for t in np.linspace(0.0, job.time.end, SAMPLES)]
+    course = FrameState(*map(np.array, zip(*frames, strict=True)))
+    speed = np.linalg.norm(course.velocity_at(corners[:, None]), axis=-1)
+    return float(np.linalg.norm(course.force, axis=1).max()), float(speed.max())
 
 
 def _initial_speed(job):
@@ -293,9 +292,9 @@ def _initial_speed(job):
     return 0.0
 
 
-def _step_lines(job, spacing):
+def _step_lines(job, estimate):
     rows = [("flow", "speed", "step", "steps in all", "governed by")]
-    for name, speed, step, bound in step_estimate(job, spacing):
+    for name, speed, step, bound in estimate:
         steps = f"{math.ceil(job.time.end / step * (1.0 - 1e-9))}"
         rows.append((name, f"{speed:.3g} m/s", f"{step * 1e3:.3g} ms", steps, bound))
     return [*_table(rows), f"  for {job.time.end:g} s; a whole number of steps reaches each probe sample"]
@@ -304,7 +303,7 @@ def _step_lines(job, spacing):
 # Accuracy and cost
 
 
-def _trade_lines(job, counts, spacing):
+def _trade_lines(job, counts, spacing, estimate):
     """What the study's scenes would have for an error with so many rows, and what so many steps cost."""
     table, source = read_table()
     preset, rows = job.scheme.preset, _rows(job, spacing)
@@ -316,7 +315,7 @@ def _trade_lines(job, counts, spacing):
         [("error in the study's", "class", f"at {rows:.3g} rows")]
         + [(name, error_class(e.value), f"{e.value:.2g} %  {e.beyond}") for name, e in errors.items()]
     )
-    steps = [math.ceil(job.time.end / step * (1.0 - 1e-9)) for _, _, step, _ in step_estimate(job, spacing)]
+    steps = [math.ceil(job.time.end / step * (1.0 - 1e-9)) for _, _, step, _ in estimate]
     seconds = " to ".join(f"{count * cost.value:.2g}" for count in sorted({min(steps), max(steps)}))
     lines.append(f"  {seconds} CPU-seconds for the steps above, in all ranks, {1e3 * cost.value:.2g} ms a step")
     if cost.beyond:

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationInfo, model_validator
-from scipy.stats import qmc
 
 from parmps.errors import InputError
 from parmps.fields import Command, Name, Number, Option, Section, setting, show, validated
@@ -182,6 +181,8 @@ def _combinations(sweep):
     for key, (least, greatest) in sweep.sample.ranges.items():
         if least >= greatest:
             raise InputError(f"sample.ranges.{key}", f"got {least:g} to {greatest:g}, the first must be the lower")
+    from scipy.stats import qmc  # here, since it takes as long to import as everything else together
+
     # McKay, Beckman & Conover 1979; six digits are enough to tell cases apart and can be read
     points = qmc.scale(qmc.LatinHypercube(len(low), seed=sweep.sample.seed).random(sweep.sample.count), low, high)
     return [

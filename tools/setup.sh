@@ -8,6 +8,8 @@ cd "$(dirname "$0")/.."
 level=${1:-run}
 # MPI, PETSc and HDF5 come from Debian, built for each other; the rest from the Python package index.
 packages=(make openmpi-bin python3-venv python3-mpi4py python3-petsc4py python3-h5py)
+declare -A imports=([run]='matplotlib.pyplot, numba, parmps.figures.command, parmps.run, scipy.stats')
+imports[test]="${imports[run]}, pytest, xdist.plugin, hypothesis, vtk, trimesh"
 python=/usr/bin/python3 # Debian's own: its packages serve no other Python on the PATH
 
 fail() {
@@ -73,7 +75,9 @@ make_environment() {
     petsc=$(compgen -G '/usr/lib/petscdir/petsc*/*-real/lib/python3/dist-packages' | sort -V | tail -n 1)
     printf '%s\n' "$petsc" >"$site/petsc4py-debian.pth"
     pwd >"$site/parmps.pth"
-    .venv/bin/python -c 'import h5py, mpi4py, numba, petsc4py.PETSc, parmps' || fail ".venv does not work"
+    # What every command imports is compiled here, since later processes may be forbidden to write what they compile.
+    env -u PYTHONDONTWRITEBYTECODE .venv/bin/python -c "import ${imports[$level]}; numba.njit(lambda: 0)()" \
+        || fail ".venv does not work"
     printf '%s' "$key" >"$stamp"
     echo "parmps setup: done"
 }
