@@ -44,7 +44,7 @@ def parmps(directory, *arguments, ranks=1, script=("-m", "parmps")):
     launch = [] if ranks == 1 else ["mpirun", "--oversubscribe", "-n", str(ranks)]
     return subprocess.run(
         [*launch, sys.executable, *script, *map(str, arguments)],
-        cwd=directory, env=ENVIRONMENT, capture_output=True, text=True, timeout=100, stdin=subprocess.DEVNULL,
+        cwd=directory, env=ENVIRONMENT, capture_output=True, text=True, timeout=300, stdin=subprocess.DEVNULL,
     )  # fmt: skip
 
 

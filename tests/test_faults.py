@@ -266,7 +266,7 @@ def test_what_fails_on_one_rank_ends_all_with_one_message(tmp_path, case):
     (tmp_path / "failing.py").write_text(PRELUDE + fault + EPILOGUE)
     command = ["mpirun", "--oversubscribe", "-n", "2", sys.executable, "failing.py", "job.yaml"]
     done = subprocess.run(
-        command, cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, timeout=100, stdin=subprocess.DEVNULL
+        command, cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, timeout=300, stdin=subprocess.DEVNULL
     )
     assert time.time() - float((tmp_path / "failed").read_text()) < 10.0
     assert (done.returncode, done.stderr.count(message)) == (status, 1), done.stderr

@@ -292,7 +292,7 @@ def test_particles_without_a_frame_give_one_message(tmp_path, capsys):
 def test_the_scripts_are_the_same_commands(results, name, picture):
     options = ["--field", "speed"] if name == "plot_particles" else []
     command = [sys.executable, COMMANDS / f"{name}.py", results, *options]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert (done.returncode, done.stderr, done.stdout) == (0, "", f"{results / picture}\n")
     assert is_picture(results / picture)
 
@@ -311,7 +311,7 @@ def test_trade_draws_the_pareto_front_and_tells_the_prices(tmp_path):
     lines.append("wave,balanced,scheme.broken=1,0.02,20,,,,diverged at t = 1 s")
     (tmp_path / "trade.csv").write_text("\n".join(lines) + "\n")
     command = [sys.executable, COMMANDS / "trade.py", tmp_path / "trade.csv"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     table = (tmp_path / "trade.md").read_text()
     assert "| wave | 20 | accurate | 8.00 | 16.00 | 3.8 | front |" in table

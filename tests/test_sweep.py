@@ -163,7 +163,7 @@ def test_a_stopped_sweep_continues_from_its_checkpoints(write, tmp_path):
             sweep, cases = load_sweep(path)
             campaign.run_here(sweep, cases)
         process.send_signal(signal.SIGTERM)
-        errors = process.communicate(timeout=60)[1]
+        errors = process.communicate(timeout=300)[1]
     assert process.returncode == 5
     assert "parmps: early end: the sweep was stopped by signal SIGTERM; the same command continues it" in errors
     assert table(tmp_path)[0]["status"] == "missing"
@@ -185,7 +185,7 @@ def test_scripts(write, tmp_path, capfd):
         assert line in script.splitlines()
     assert command(path, "--script", "shell") == 0
     script = capfd.readouterr().out
-    subprocess.run(["bash"], input=script, text=True, check=True, env=ENVIRONMENT, cwd=tmp_path, timeout=100)
+    subprocess.run(["bash"], input=script, text=True, check=True, env=ENVIRONMENT, cwd=tmp_path, timeout=300)
     assert command(path, "--collect") == 0
     assert [row["status"] for row in table(tmp_path)] == ["done"]
     assert command(path, "--script", "shell") == 2
@@ -204,9 +204,9 @@ def test_a_script_that_is_stopped_has_its_case_saved_and_continues_it(write, tmp
             assert time.monotonic() < until and process.poll() is None
             time.sleep(0.01)
         process.send_signal(signal.SIGUSR1)
-        assert process.wait(timeout=60) == campaign.EARLY_END
+        assert process.wait(timeout=300) == campaign.EARLY_END
     assert "stopped by signal SIGUSR1" in (log.parent / "run.json").read_text()
-    subprocess.run(["bash", tmp_path / "sweep.sh"], env=ENVIRONMENT, stdout=subprocess.DEVNULL, check=True, timeout=100)
+    subprocess.run(["bash", tmp_path / "sweep.sh"], env=ENVIRONMENT, stdout=subprocess.DEVNULL, check=True, timeout=300)
     np.testing.assert_allclose(read_signals(log)[0], 0.005 * np.arange(101), atol=1e-12)
 
 
