@@ -330,6 +330,20 @@ def test_walls_are_wet_below_the_surface_and_dry_above(dimension):
     np.testing.assert_array_equal(np.delete(wet, walls), 1.0)
 
 
+def test_a_particle_pressed_to_the_wall_wets_no_more_of_it():
+    c = make_case(2, 0.0)
+    corner = c.p.position[: c.p.liquid].sum(axis=1).argmax()
+    c.p.position[corner] += [0.3 * c.l0, 0.0, 0.05 * c.l0]
+    pairs, wet = Pairs(REACH * c.l0, c.solids), np.ones(len(c.p))
+    pairs.find(c.p)
+    density.wet_walls(
+        c.p.position, c.p.normal, *pairs.wet, pairs.weigh(c.l0, REACH, REACH)[0], c.l0, c.p.liquid, c.rows, wet
+    )
+    above = (c.p.kind == 1) & (c.p.position[:, 2] > c.p.position[corner, 2] + 0.5 * c.l0)
+    assert above.any()
+    assert not wet[above].any()
+
+
 def mean_row_density(c, surface, normal):
     pairs = Pairs(REACH * c.l0, c.solids)
     pairs.find(c.p)
