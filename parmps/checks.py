@@ -38,7 +38,7 @@ def check_job(job):
     for number, item in enumerate(job.motion):
         _check_motion(job, item, f"motion[{number}]")
     _check_probes(job)
-    _check_scheme(job.scheme)
+    _check_scheme(job)
 
 
 def _check_tank(job):
@@ -274,8 +274,9 @@ def _check_probes(job):
             _check_fluid_name(job, probe.fluid, f"{key}.fluid")
 
 
-def _check_scheme(scheme):
+def _check_scheme(job):
     """Refuse settings that contradict each other; where the limits are, jobs/extremes shows."""
+    scheme = job.scheme
     limit = scheme.radius + 1.0
     if scheme.surface == "ghost" and scheme.laplacian_radius > limit * (1 + TOLERANCE):
         raise InputError(
@@ -283,6 +284,12 @@ def _check_scheme(scheme):
             f"got {scheme.laplacian_radius:g} l0, must be at most {limit:g} l0, one more than scheme.radius, with "
             "surface: ghost, since only the particles that scheme.radius finds in the surface are given neighbours "
             "above it",
+        )
+    if len(job.fluids) > 1 and scheme.position == "start" and scheme.gradient != "corrected":
+        raise InputError(
+            "scheme.gradient",
+            f"got '{scheme.gradient}', must be corrected with several fluids and position: start, whose densities are "
+            "sharp",
         )
 
 

@@ -299,10 +299,7 @@ def _prepare(domain):
             command, arguments = _arguments(_split(sys.argv[1:]))
             job = None
             if command != "schema":
-                from parmps.tank import require_supported
-
                 job = load_job(arguments.job, arguments.set)
-                require_supported(job)
                 _check_restart(getattr(arguments, "restart", None))
                 for warning in job_warnings(job):
                     print(f"parmps: warning: {warning}", file=sys.stderr, flush=True)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from parmps import support, waves
+from parmps import waves
 from parmps.expectation import changed_settings, error_class, expected_cost, expected_errors, read_table
 from parmps.hull import build_hull
 from parmps.kernels.weight import lattice
@@ -171,9 +171,11 @@ def memory_estimate(job, counts, ranks):
 
 def _work_bytes(job):
     """Bytes a particle with moments, a row and a particle of the arrays that live for one step."""
+    plan = make_plan(job, 1)
+    stages = {stage.name for stage in (*plan.solve, *plan.move)}
     size = []
     for counts in ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)):
-        work = Work(*counts, Liquids(job), support.matters(job))
+        work = Work(*counts, stages)
         arrays = [*vars(work).values(), *(vars(work.near_interface).values() if work.near_interface else ())]
         size.append(sum(array.nbytes for array in arrays if isinstance(array, np.ndarray)))
     return [each - size[0] for each in size[1:]]

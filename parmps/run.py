@@ -154,6 +154,7 @@ class Run:
         own = slice(0, p.owned)
         names = ("position", "velocity", "pressure", "kind", "fluid", "normal", "depth", "compression")
         near = s.work.near_interface
+        fraction = s.work.fraction if near is None else near.fraction
         return SimpleNamespace(
             **{name: getattr(p, name)[own] for name in names},
             surface=s.work.surface[own],
@@ -161,7 +162,7 @@ class Run:
             force=s.frame.force,
             density=s.liquids.density[p.fluid[own]],
             volume=(s.particle_mass / s.liquids.density)[p.fluid[own]],
-            fraction=np.ones(p.owned) if near is None else near.fraction[own],
+            fraction=np.ones(p.owned) if fraction is None else fraction[own],
         )
 
     def _sample(self):

@@ -68,6 +68,13 @@ SUMMED = ("work_done", "contacts", "put_back")
 class Work:
     """Arrays that live for one step: filled by one stage, read by later ones.
 
+    Parameters
+    ----------
+    centres, rows, count : int
+        Particles that have moments, rows of the pressure equation, and all with the halo.
+    stages : container of str
+        Names of the stages of a step: what only others need is not there.
+
     Attributes
     ----------
     density, lean, inverse, full, smooth, surface_normal, change
@@ -79,11 +86,14 @@ class Work:
         One row a particle, the halo included.
     support : None or (count,) float64
         How far what is around a particle keeps it from moving on its own, from 0 to 1; None where all are whole.
+    mass_density, fraction : None or (count,) float64
+        Density smoothed where liquids meet, kg/m3, and share of the own liquid among the neighbours; None where
+        densities are sharp.
     weak : (m,) int32
         The particles of little support.
     """
 
-    def __init__(self, centres, rows, count, liquids, supported):
+    def __init__(self, centres, rows, count, stages):
         self.density, self.smooth = np.zeros(centres), np.zeros(centres)
         self.source, self.rhs = np.zeros(rows), np.zeros(rows)
         for name, width in (("lean", 3), ("inverse", 6), ("full", 6), ("surface_normal", 3), ("change", 3)):
@@ -93,12 +103,14 @@ class Work:
         self.wet = np.ones(count)
         self.surface = np.zeros(count, np.int8)
         self.near = np.zeros(count, np.int8)
-        self.nearest = np.empty(rows if liquids.several else 0, np.int32)
-        self.support = np.ones(count) if supported else None
+        self.nearest = np.empty(rows if "wall liquids" in stages else 0, np.int32)
+        self.support = np.ones(count) if "support" in stages else None
         self.weak = np.empty(0, np.int32)
-        self.bend = None if liquids.tension is None else np.zeros(count)
-        self.near_interface = None if liquids.sheet is None else Near(rows, count)
-        self.curved = None if liquids.tension is None else Near(rows, count)
+        self.bend = np.zeros(count) if "curvature" in stages else None
+        self.near_interface = Near(rows, count) if "interfaces" in stages else None
+        self.curved = Near(rows, count) if "curvature" in stages else None
+        smooth = "density smoothing" in stages
+        self.mass_density, self.fraction = (np.empty(count), np.ones(count)) if smooth else (None, None)
 
 
 class Simulation:
@@ -205,7 +217,7 @@ class Simulation:
             p.resize(p.owned)
         self.domain.build_halo(p, self.halo_width)
         centres = p.liquid if self.scheme.position == "start" else p.rows
-        self.work = Work(centres, p.rows, len(p), self.liquids, "support" in self.seconds)
+        self.work = Work(centres, p.rows, len(p), self.seconds)
         self.row = np.full(len(p), -1, np.int64)
         self.row[: p.rows] = self._first_row + np.arange(p.rows)
         self.domain.exchange(self.row)

@@ -26,6 +26,7 @@ from parmps.kernels import density, gradient, poisson, shifting, velocity, visco
 from parmps.kernels.weight import weight
 from parmps.liquids import Liquids
 from parmps.particles import DUMMY, FLUID, WALL
+from parmps.smoothing import add_surface_tension, mass_density, smooth_mass_density
 
 VOLUME_EVERY = 10
 """Steps between two measurements of the volume error and of the surface row, which change slowly."""
@@ -109,19 +110,60 @@ def make_plan(job, ranks):
     halo = when(ranks > 1, "halo", f"particles of {ranks} ranks see each other", refresh_halo, "one rank")
     search = [Stage("neighbours", "every operator sums over neighbours", find_neighbours)]
     viscosity = when(viscous, "viscosity", why, add_viscosity, why)
-    walls = when(
-        liquids.several,
-        "wall liquids",
-        f"walls have the density of the one of {len(job.fluids)} liquids next to them",
-        label_walls,
-        "one liquid",
+    one = "all liquids have one density" if liquids.several else "one liquid"
+    label = f"walls have the density of the one of {len(job.fluids)} liquids next to them"
+    contact = when(
+        scheme.collision_distance > 0.0,
+        "contacts",
+        f"stops particles that meet within {scheme.collision_distance:g} l0",
+        add_contacts,
+        "collision_distance is 0",
     )
+    if scheme.position == "moved":
+        differ = liquids.contrast < 1.0
+        smoothing = [
+            *when(differ, "wall liquids", label, label_walls, one),
+            *when(differ, "density smoothing", "density jumps between liquids", smooth_mass_density, one),
+        ]
+        tension = when(
+            liquids.tension is not None,
+            "surface tension",
+            "a force in the layer where two liquids meet",
+            add_surface_tension,
+            "no surface tension",
+        )
+        projection = [
+            *halo,
+            *search,
+            *smoothing,
+            Stage("density", "density error and free surface", measure_density),
+            Stage("divergence", "source of the pressure equation", measure_divergence),
+            Stage("pressure", "incompressibility", solve_pressure),
+        ]
+        return Plan(
+            projection,
+            [],
+            [
+                *halo,
+                *search,
+                *(smoothing if tension else []),
+                Stage("body force", "gravity and the tank's motion", add_body_force_to_liquid),
+                *viscosity,
+                *tension,
+                *contact,
+                Stage("explicit move", "the papers solve the pressure at the moved position", move_explicitly),
+                *projection,
+                Stage("correction", "pressure gradient moves the liquid", correct),
+            ],
+            left_out,
+        )
+    walls = when(liquids.several, "wall liquids", label, label_walls, "one liquid")
     interfaces = when(
         liquids.sheet is not None,
         "interfaces",
         "velocity and pressure gradient jump between liquids",
         find_interfaces,
-        "all liquids have one density" if liquids.several else "one liquid",
+        one,
     )
     around = when(
         support.matters(job),
@@ -137,36 +179,6 @@ def make_plan(job, ranks):
         find_curvature,
         "no surface tension",
     )
-    contact = when(
-        scheme.collision_distance > 0.0,
-        "contacts",
-        f"stops particles that meet within {scheme.collision_distance:g} l0",
-        add_contacts,
-        "collision_distance is 0",
-    )
-    if scheme.position == "moved":
-        projection = [
-            *halo,
-            *search,
-            Stage("density", "density error and free surface", measure_density),
-            Stage("divergence", "source of the pressure equation", measure_divergence),
-            Stage("pressure", "incompressibility", solve_pressure),
-        ]
-        return Plan(
-            projection,
-            [],
-            [
-                *halo,
-                *search,
-                Stage("body force", "gravity and the tank's motion", add_body_force_to_liquid),
-                *viscosity,
-                *contact,
-                Stage("explicit move", "the papers solve the pressure at the moved position", move_explicitly),
-                *projection,
-                Stage("correction", "pressure gradient moves the liquid", correct),
-            ],
-            left_out,
-        )
     volume = when(
         scheme.volume_time is not None,
         "volume",
@@ -512,6 +524,21 @@ def measure_divergence(sim):
     w.source[:rows] = trace / sim.dt
 
 
+def sharp(sim, *tables):
+    """What tells an operator of the liquids' sharp densities, or nothing where the papers' scheme smooths them.
+
+    Parameters
+    ----------
+    sim : Simulation
+    *tables : None or ndarray
+
+    Returns
+    -------
+    tuple of (None or ndarray)
+    """
+    return tables if sim.scheme.position == "start" else (None,) * len(tables)
+
+
 def solve_pressure(sim):
     """Assemble and solve the pressure equation; suction is no stronger than the flow can make it."""
     p, s, w = sim.particles, sim.scheme, sim.work
@@ -539,11 +566,8 @@ def solve_pressure(sim):
         *blocks.arrays,
         blocks.at_diagonal,
         w.rhs,
-        sim.fluid,
-        sim.liquids.volume,
-        sim.liquids.share,
-        sim.liquids.tension,
-        w.bend,
+        *sharp(sim, sim.fluid, sim.liquids.volume, sim.liquids.share, sim.liquids.tension, w.bend),
+        w.mass_density,
     )
     if sim.check_floating():
         held = w.surface[: p.rows]
@@ -606,10 +630,7 @@ def pressure_gradient(sim):
             sim.dimension,
             p.liquid,
             p.acceleration,
-            sim.fluid,
-            sim.liquids.volume,
-            sim.liquids.tension,
-            w.bend,
+            *sharp(sim, sim.fluid, sim.liquids.volume, sim.liquids.tension, w.bend),
         )
     else:
         extrapolate_to_dummies(sim)
@@ -624,7 +645,9 @@ def pressure_gradient(sim):
             p.liquid,
             p.acceleration,
         )
-    p.acceleration[: p.liquid] /= sim.liquids.reference
+    own = slice(0, p.liquid)
+    acceleration = p.acceleration[own].T
+    acceleration /= mass_density(sim, own)
     if w.support is not None:
         correct_acceleration(sim)
 
@@ -686,4 +709,5 @@ def extrapolate_to_dummies(sim):
     known = p.id[parent] == p.parent[dummies]
     dummies, parent = dummies[known], parent[known]
     jump = (p.position[dummies] - p.position[parent]) @ sim.frame.force
-    p.pressure[dummies] = np.where(p.pressure[parent] != 0.0, p.pressure[parent] + sim.liquids.reference * jump, 0.0)
+    jump = mass_density(sim, parent) * jump
+    p.pressure[dummies] = np.where(p.pressure[parent] != 0.0, p.pressure[parent] + jump, 0.0)

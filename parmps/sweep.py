@@ -16,7 +16,6 @@ from parmps.fields import Command, Name, Number, Option, Section, setting, show,
 from parmps.loader import parse_job, read_text, read_yaml
 from parmps.scene import InputPath, Job
 from parmps.signals import MEASURES
-from parmps.tank import require_supported
 
 MAX_CASES = 10_000
 
@@ -202,7 +201,6 @@ def _cases(sweep):
         overrides = [f"{key}={json.dumps(value)}" for key, value in {**sweep.set, **values, **place}.items()]
         try:
             job = parse_job(text, overrides, file=file, source=sweep.job)
-            require_supported(job)
             _check_measures(sweep, job)
         except InputError as error:
             raise InputError("", f"case {name} ({show(values, 200)}): {error}") from None

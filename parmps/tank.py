@@ -72,23 +72,6 @@ class Placement:
         return self.geometry.spacing
 
 
-def require_supported(job):
-    """Refuse by name what a job file may say but the solver cannot do yet.
-
-    Parameters
-    ----------
-    job : Job
-
-    Raises
-    ------
-    InputError
-    """
-    if len(job.fluids) > 1 and job.scheme.position == "moved":
-        raise InputError("scheme.position", "got 'moved', not yet supported with several fluids; use start")
-    if len(job.fluids) > 1 and job.scheme.gradient != "corrected":
-        raise InputError("scheme.gradient", "must be corrected with several fluids; others are not yet supported")
-
-
 def place(job, wall, part=0, parts=1, layers=3):
     """Place the particles of a job, or one of several nearly equal shares of them.
 

@@ -80,13 +80,13 @@ BAD = {
         "motion[0].path",
         "nowhere.csv",
     ),
-    "not yet": (
+    "a gradient for one density": (
         (
             "{name: water, depth: 0.15, kinematic_viscosity: 1.0e-6}]",
-            "{name: a, depth: 0.1}, {name: b, depth: 0.1}]\nscheme: papers",
+            "{name: a, depth: 0.1}, {name: b, depth: 0.1}]\nscheme: {gradient: sum}",
         ),
-        "scheme.position",
-        "not yet",
+        "scheme.gradient",
+        "corrected",
     ),
     "no YAML": (("title: Short", "title: [Short"), None, ""),
 }

@@ -16,7 +16,6 @@ from parmps.loader import MAX_NODES, load_job, parse_job, read_yaml
 from parmps.motion import read_motion_file
 from parmps.planning import plan_text
 from parmps.scene import Job
-from parmps.tank import require_supported
 
 FUZZ_FACTOR = float(os.environ.get("PARMPS_FUZZ", "1"))
 """How many times the usual 2000 mutations."""
@@ -257,7 +256,6 @@ def job_or_refusal(build):
             job = build()
             assert isinstance(job, Job)
             assert all(isinstance(warning, str) for warning in job_warnings(job))
-            require_supported(job)
             assert "Stages of a step" in plan_text(job, SimpleNamespace(size=3))
         except InputError as error:
             assert str(error).isprintable()

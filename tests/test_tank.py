@@ -10,7 +10,7 @@ from parmps.kernels.walls import crosses_solid, wall_distance
 from parmps.lattice import distance_to_box, faces
 from parmps.loader import parse_job
 from parmps.output import ParticleFile
-from parmps.tank import DUMMY, FLUID, WALL, initial_velocity, place, require_supported
+from parmps.tank import DUMMY, FLUID, WALL, initial_velocity, place
 
 POST = "{x: 0.4, bottom: 0.0, top: 0.15, thickness: 0.006}"
 SHELF = "{z: 0.1, left: 0.3, right: 0.5, thickness: 0.002}"
@@ -208,20 +208,6 @@ def test_a_spacing_that_does_not_fit_is_refused():
         place(make_job((0.8, 0.9), 0.6, 0.3), "half")
     fitting = float(str(error.value).split("; ")[1].split()[0])
     place(make_job((0.8, 0.9), 0.6, fitting), "half")
-
-
-@pytest.mark.parametrize(
-    ("more", "key"),
-    [
-        ("scheme: papers", "scheme.position"),
-        ("scheme: {gradient: sum}", "scheme.gradient"),
-    ],
-)
-def test_not_yet(more, key):
-    job = make_job(fluids="[{name: a, depth: 0.1}, {name: b, depth: 0.1}]", more=more)
-    with pytest.raises(InputError, match=f"{key}.*not yet"):
-        require_supported(job)
-    require_supported(make_job())
 
 
 def test_wall_distance_against_brute_force():

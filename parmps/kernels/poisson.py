@@ -44,6 +44,7 @@ def poisson_rows(
     share=None,
     tension=None,
     bend=None,
+    mass_density=None,
 ):
     """Assemble sum_j c W_ij [P_i - P_j + rho f_ij . (r_j - r_i)] = -rho s_i, with c = 2D/(n0 lambda l0^2).
 
@@ -108,6 +109,9 @@ def poisson_rows(
     bend : None or (n,) float64, 1/m
         Curvature of the interface near each particle, positive where its own liquid is convex; None without
         surface tension.
+    mass_density : None or (n,) float64, kg/m3
+        Density of each particle, instead of ``fluid`` and the tables: a link's specific volume is 2 / (rho_i + rho_j)
+        of these, and no body force may be balanced on it.
     """
     scale = 2.0 * dimension / (n0 * lam * l0 * l0)
     rows = rhs.shape[0]
@@ -130,6 +134,8 @@ def poisson_rows(
         if fluid is not None:
             mine = fluid[i]
             own = volume[mine, mine]
+        if mass_density is not None:
+            own = density / mass_density[i]
         liquid = kind[i] == 0
         hx, hy, hz = link_force[i, 0], link_force[i, 1], link_force[i, 2]
         for k in range(first[i], last[i]):
@@ -156,6 +162,8 @@ def poisson_rows(
                 w *= volume[mine, its]
                 if tension is not None and mine != its:
                     jumps += w * pressure_jump(tension[mine, its], bend[i], bend[j])
+            if mass_density is not None:
+                w *= 2.0 * density / (mass_density[i] + mass_density[j])
             diagonal += w
             if surface[j] != 0 and not ghost:
                 continue
