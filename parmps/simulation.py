@@ -282,13 +282,14 @@ class Simulation:
     def packing(self):
         """Number density that the liquid should have, over that of the lattice.
 
-        Layers whose depths are no multiples of the spacing begin with lattices that are stretched to fit.
+        Layers whose depths are no multiples of the spacing begin with lattices that are stretched to fit, but for walls
+        on the line, where the rows of all are a spacing apart.
 
         Returns
         -------
         float or (liquid,) float64
         """
-        if self.fluid is None:
+        if self.fluid is None or self.scheme.wall == "line":
             return 1.0
         volume = self.particle_mass / self.liquids.density
         layered = np.array([fluid.region is None for fluid in self.job.fluids])

@@ -412,7 +412,7 @@ def add_body_force_to_liquid(sim):
     w.intermediate[:] = 0.0
     liquid = p.kind == FLUID
     w.intermediate[liquid] = p.velocity[liquid] + sim.dt * w.force[liquid]
-    w.force[:] = 0.0  # the divergence of v* has it
+    w.force[:] = 0.0
 
 
 def add_viscosity(sim):
@@ -692,6 +692,7 @@ def correct(sim):
     liquid = slice(0, p.liquid)
     p.velocity[liquid] -= sim.dt * p.acceleration[liquid]
     p.position[liquid] -= sim.dt**2 * p.acceleration[liquid]
+    sim.evaluate_body_force()  # the divergence of v* had it, not the pressure equation
     sim.count_work()
     sim.keep_inside()
 
