@@ -264,9 +264,20 @@ def test_positions_do_not_depend_on_the_number_of_ranks(comm, redistribute):
         assert many["migrated"] > 300
 
 
-def test_papers_scheme_does_not_depend_on_the_number_of_ranks(comm):
+LAYERS = ", ".join(
+    f"{{name: {name}, depth: 0.06, density: {rho}, kinematic_viscosity: 1.0e-4}}"
+    for name, rho in (("a", 1300), ("b", 1000), ("c", 500))
+)
+TENSE_LAYERS = (
+    f"fluids=[{LAYERS}]",
+    "interfaces=[{between: [a, b], surface_tension: 0.5}, {between: [b, c], surface_tension: 0.1}]",
+)
+
+
+@pytest.mark.parametrize("liquids", [(), TENSE_LAYERS])
+def test_papers_scheme_does_not_depend_on_the_number_of_ranks(comm, liquids):
     """Short and from rest: the printed scheme magnifies rounding, and a jolt ends it at this step."""
-    more = ("scheme.preset=papers", "motion=[]")
+    more = ("scheme.preset=papers", "motion=[]", *liquids)
     one, many = alone(10, *more), march(comm, 10, True, *more)
     assert np.abs(many["position"] - one["position"]).max() < 1e-8 * one["l0"]
     assert np.abs(many["pressure"] - one["pressure"]).max() < 1e-6 * 1500.0
@@ -349,12 +360,7 @@ def test_more_ranks_than_particles(comm):
 
 def test_layers_do_not_depend_on_the_number_of_ranks(comm):
     """Three liquids with surface tension, whose interfaces run from rank to rank."""
-    fluids = ", ".join(
-        f"{{name: {name}, depth: 0.06, density: {rho}, kinematic_viscosity: 1.0e-4}}"
-        for name, rho in (("a", 1300), ("b", 1000), ("c", 500))
-    )
-    tension = "interfaces=[{between: [a, b], surface_tension: 0.5}, {between: [b, c], surface_tension: 0.1}]"
-    one, many = alone(20, f"fluids=[{fluids}]", tension), march(comm, 20, True, f"fluids=[{fluids}]", tension)
+    one, many = alone(20, *TENSE_LAYERS), march(comm, 20, True, *TENSE_LAYERS)
     assert np.abs(many["position"] - one["position"]).max() < 1e-8 * one["l0"]
     assert np.abs(many["pressure"] - one["pressure"]).max() < 1e-6 * 2000.0
     assert many["energy"] == pytest.approx(one["energy"], rel=1e-7)
