@@ -153,8 +153,6 @@ class Run:
         s, p = self.simulation, self.simulation.particles
         own = slice(0, p.owned)
         names = ("position", "velocity", "pressure", "kind", "fluid", "normal", "depth", "compression")
-        near = s.work.near_interface
-        fraction = s.work.fraction if near is None else near.fraction
         return SimpleNamespace(
             **{name: getattr(p, name)[own] for name in names},
             surface=s.work.surface[own],
@@ -162,7 +160,7 @@ class Run:
             force=s.frame.force,
             density=s.liquids.density[p.fluid[own]],
             volume=(s.particle_mass / s.liquids.density)[p.fluid[own]],
-            fraction=np.ones(p.owned) if fraction is None else fraction[own],
+            fraction=np.ones(p.owned) if s.fraction is None else s.fraction[own],
         )
 
     def _sample(self):

@@ -301,6 +301,12 @@ class Simulation:
         """Number of each particle's liquid, or None where there is one liquid: (n,) int8."""
         return self.particles.fluid if self.liquids.several else None
 
+    @property
+    def fraction(self):
+        """Share of the own liquid in each particle's neighbourhood, or None where it makes no difference: (n,)."""
+        near = self.work.near_interface
+        return self.work.fraction if near is None else near.fraction
+
     def blocks(self):
         """Room for this rank's part of the matrix.
 
