@@ -55,8 +55,8 @@ class Scheme(Section):
     )
     position: Literal["start", "moved"] = setting(
         "where the pressure equation is solved: at the step's start ([002] eqs. 15-18) or after the explicit "
-        "move ([004]); the latter with steps of 0.2 l0 / sqrt(f h) at most, f h being the head of the liquid, and "
-        "without suction",
+        "move ([004]); the latter with steps of 0.2 l0 / sqrt(f h) at most, f h being the head of the liquid, "
+        "without suction, and with several liquids as in [000]: smoothed density, surface tension as a force",
         default="start",
     )
     surface: Literal["ghost", "dirichlet"] = setting(

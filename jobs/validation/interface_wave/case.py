@@ -39,15 +39,21 @@ def crossings(time, signal):
 
 
 def measure(results):
-    """Mean period against theory, and the greatest elevation of the last two of six half periods."""
+    """Mean period against theory, and the greatest elevation of the last two of six half periods.
+
+    A wave that stops swinging before has no period; its half periods are those of theory.
+    """
     job, time = results.job, results.frames
     _, omega, shape = standing_wave(job)
     signal = layer_modes(results)[:, np.abs(shape).argmax()]
     zeros = np.concatenate([[0.0], crossings(time[1:], signal[1:])])
+    swings = len(zeros) > 6
+    if not swings:
+        zeros = np.arange(7) * np.pi / omega
     period = (zeros[6] - zeros[0]) / 3.0
     late = np.abs(signal[(time >= zeros[4]) & (time <= zeros[6])]).max()
     return {
-        "period [%]": 100.0 * (period * omega / (2.0 * np.pi) - 1.0),
+        **({"period [%]": 100.0 * (period * omega / (2.0 * np.pi) - 1.0)} if swings else {}),
         "loss in 3 periods [%]": 100.0 * (1.0 - late / abs(job.initial.amplitude)),
         "volume [%]": 100.0 * results.record["volume_drift"],
         "strayed": strayed(results),
