@@ -52,7 +52,7 @@ def mass_density(sim, which):
 def add_surface_tension(sim):
     """Add the change of velocity by the contoured continuum surface force ([000] eqs. 15 to 18).
 
-    The paper prints no radius for the smoothed colour; the widest one that there are neighbours for has the least noise.
+    The paper prints no radius for the smoothed colour. The widest that there are neighbours for has the least noise.
     """
     p, s, w = sim.particles, sim.scheme, sim.work
     own = slice(0, p.liquid)
