@@ -41,22 +41,21 @@ def crossings(time, signal):
 def measure(results):
     """Mean period against theory, and the greatest elevation of the last two of six half periods.
 
-    A wave that stops swinging before has no period; its half periods are those of theory.
+    A wave that stops swinging before has neither.
     """
     job, time = results.job, results.frames
     _, omega, shape = standing_wave(job)
     signal = layer_modes(results)[:, np.abs(shape).argmax()]
     zeros = np.concatenate([[0.0], crossings(time[1:], signal[1:])])
-    swings = len(zeros) > 6
-    if not swings:
-        zeros = np.arange(7) * np.pi / omega
+    found = {"volume [%]": 100.0 * results.record["volume_drift"], "strayed": strayed(results)}
+    if len(zeros) < 7:
+        return found
     period = (zeros[6] - zeros[0]) / 3.0
     late = np.abs(signal[(time >= zeros[4]) & (time <= zeros[6])]).max()
     return {
-        **({"period [%]": 100.0 * (period * omega / (2.0 * np.pi) - 1.0)} if swings else {}),
+        "period [%]": 100.0 * (period * omega / (2.0 * np.pi) - 1.0),
         "loss in 3 periods [%]": 100.0 * (1.0 - late / abs(job.initial.amplitude)),
-        "volume [%]": 100.0 * results.record["volume_drift"],
-        "strayed": strayed(results),
+        **found,
     }
 
 
