@@ -13,7 +13,8 @@ def wet_walls(position, normal, first, last, other, strength, l0, begin, end, we
     """Tell how far walls are under the surface: dry ones have all of their liquid on one side, and none near.
 
     A wall particle in line with the surface row has one of its particles a spacing away, one above it has none nearer
-    than 1.4 spacings, were they all a spacing in front of the wall. Neither have those of a corner under water, but their liquid is in front of them.
+    than 1.4 spacings, were they all a spacing in front of the wall. Neither have those of a corner under water, but
+    their liquid is in front of them.
 
     Parameters
     ----------
