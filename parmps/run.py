@@ -159,6 +159,7 @@ class Run:
             surface=s.work.surface[own],
             spacing=s.l0,
             force=s.frame.force,
+            force_at=s.frame.force_at,
             density=s.liquids.density[p.fluid[own]],
             volume=(s.particle_mass / s.liquids.density)[p.fluid[own]],
             fraction=np.ones(p.owned) if near is None else near.fraction[own],
