@@ -15,6 +15,8 @@ from parmps.motion import read_motion_file
 TOLERANCE = 1e-9  # relative; forgives the rounding of decimal input such as 0.1 + 0.2
 MAX_POINTS = 1e12  # thousands of times what anyone has computed
 OUT_OF_PLANE = ("sway", "yaw")
+UPPER = {"bottom": "top", "left": "right"}
+"""Keys of a baffle's ends."""
 
 
 def check_job(job):
@@ -128,9 +130,10 @@ def _check_baffle(job, baffle, key):
         side = job.tank.size[axis]
         if low >= high:
             raise InputError(f"{key}.{name}", f"got {low:g} m to {high:g} m, the first must be the lower")
-        if low < -TOLERANCE * side or high > side * (1 + TOLERANCE):
+        over = high > side * (1 + TOLERANCE)
+        if low < -TOLERANCE * side or over:
             raise InputError(
-                f"{key}.{name}",
+                f"{key}.{UPPER.get(name, name) if over else name}",
                 f"the baffle reaches from {low:g} m to {high:g} m, outside the tank's 0 m to {side:g} m",
             )
 
@@ -261,6 +264,7 @@ def _check_probes(job):
         key = f"probes[{number}]"
         if probe.kind == "pressure":
             _check_inside(job, probe.at, f"{key}.at")
+            _check_outside_baffles(job, probe.at, f"{key}.at")
         elif probe.kind in ("elevation", "interface"):
             layout = "[x]" if job.dimension == 2 else "[x, y]"
             if len(probe.at) != job.dimension - 1:
@@ -339,6 +343,40 @@ def _check_inside(job, point, key):
     at = np.array([point[-hull.dimension :]])
     if hull.distance(at)[0][0] < -hull.rounding:
         raise InputError(key, f"got {list(point)} m, which lies outside the tank's {job.tank.shape}")
+
+
+def _check_outside_baffles(job, point, key):
+    """Refuse a point inside a baffle, which belongs to none of its faces."""
+    size = job.tank.size
+    for number, baffle in enumerate(job.tank.baffles):
+        across = 0 if baffle.vertical else job.dimension - 1
+        centre = baffle.x if baffle.vertical else baffle.z
+        depth = baffle.thickness / 2 - abs(point[across] - centre)
+        others = [axis for axis in range(job.dimension) if axis != across]
+        if baffle.ring is not None:
+            within = any(min(point[a], size[a] - point[a]) < baffle.ring * (1 - TOLERANCE) for a in others)
+        else:
+            extents = {1: baffle.width or (0.0, size[1])}
+            if baffle.vertical:
+                extents[job.dimension - 1] = (baffle.bottom, baffle.top)
+            else:
+                extents[0] = (baffle.left, baffle.right)
+            within = all(_inside(point[a], extents[a], size[a]) for a in others) and not any(
+                all(low[k] <= point[a] <= high[k] for k, a in enumerate(others)) for low, high in baffle.openings
+            )
+        if within and depth > TOLERANCE * size[across]:
+            raise InputError(
+                key,
+                f"got {list(point)} m, which lies inside tank.baffles[{number}]; its faces are at "
+                f"{centre - baffle.thickness / 2:g} m and {centre + baffle.thickness / 2:g} m",
+            )
+
+
+def _inside(x, extent, side):
+    """Whether a coordinate is between the ends of a plate, or at one that is at a wall."""
+    low, high = extent
+    near = TOLERANCE * side
+    return (x > low + near or low <= near) and (x < high - near or high >= side - near)
 
 
 def layer_depths(job):

@@ -294,7 +294,8 @@ def _check_stretch(job, wall):
     lengths = {f"tank.size[{axis}]": side for axis, side in enumerate(job.tank.size)}
     if wall == "half":
         del lengths[f"tank.size[{job.dimension - 1}]"]
-        layers = {f"fluids[{n}].depth": depth for n, depth in enumerate(job.depths) if depth}
+        names = ["the depth by fluids[{}].fill" if fluid.fill else "fluids[{}].depth" for fluid in job.fluids]
+        layers = {name.format(n): depth for n, (name, depth) in enumerate(zip(names, job.depths, strict=True)) if depth}
         # without layers, the rows fit the height
         lengths |= layers or {f"tank.size[{job.dimension - 1}]": job.tank.height}
 

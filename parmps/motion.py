@@ -68,6 +68,20 @@ class FrameState(NamedTuple):
         """
         return self.velocity + np.cross(self.omega, position)
 
+    def force_at(self, position):
+        """Body force on what rests in the tank, tank-frame components.
+
+        Parameters
+        ----------
+        position : (..., 3) float64, m
+            Tank frame.
+
+        Returns
+        -------
+        (..., 3) float64, m/s2
+        """
+        return self.force - np.cross(self.alpha, position) - np.cross(self.omega, np.cross(self.omega, position))
+
 
 class RigidMotion(NamedTuple):
     """A moving frame seen from an outer frame: X(r) = origin + rotation r, with first and second derivatives.

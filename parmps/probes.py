@@ -3,9 +3,9 @@
 A probe turns the particles that one rank owns into sums, and the sums over all ranks into values, so that
 all probes together need one reduction. The particles come as a state with these attributes, of owned
 particles only: ``position``, ``velocity``, ``normal`` (n, 3), ``pressure``, ``kind``, ``fluid``, ``surface``,
-``depth`` (n,), and ``spacing`` (m), ``force`` (3,) (m/s2, body force at the tank's origin) and ``density``
-(kg/m3, one value or (n,)); for a liquid also ``volume`` (m3), ``compression`` and ``fraction`` (n,), the share of
-the particle's own liquid in its neighbourhood.
+``depth`` (n,), and ``spacing`` (m), ``force`` (3,) (m/s2, body force at the tank's origin), ``force_at``, which
+gives the body force on what rests at points (n, 3), and ``density`` (kg/m3, one value or (n,)); for a liquid also
+``volume`` (m3), ``compression`` and ``fraction`` (n,), the share of the particle's own liquid in its neighbourhood.
 """
 
 import numpy as np
@@ -17,6 +17,7 @@ from parmps.tank import FLUID, WALL
 
 AT_WALL = 0.5  # in spacings; a pressure probe nearer to a wall than this measures the wall's pressure
 NODES = 4  # of the profile of a gauge, per spacing
+FLATNESS = 0.1  # in spacings; the wall that a pressure probe measures is that even, but for its curvature
 SAME_WALL = 0.5  # least cosine of a pressure probe's normal and a particle's; edges have diagonal ones
 MAX_VOID = 1.5  # in spacings; a smaller gap in the liquid below a gauge is a passing void, not a surface
 
@@ -64,9 +65,9 @@ def surface_pressure(state, chosen):
         The points on the wall.
     """
     step = state.depth[chosen, None] * state.normal[chosen]
-    pressure = state.pressure[chosen]
-    jump = _density(state, chosen) * (step @ state.force)
-    return np.where(pressure != 0.0, pressure + jump, 0.0), state.position[chosen] + step
+    pressure, surface = state.pressure[chosen], state.position[chosen] + step
+    jump = _density(state, chosen) * np.einsum("ij,ij->i", step, state.force_at(surface))
+    return np.where(pressure != 0.0, pressure + jump, 0.0), surface
 
 
 def _density(state, chosen):
@@ -97,8 +98,7 @@ class PressureGauge:
         self.on_wall = abs(distance) <= AT_WALL * spacing
         self.normal = np.array(normal)
         self.at = at - distance * self.normal if self.on_wall else at
-        # a wall thinner than this is another face of the same baffle
-        self.flatness = 1e-3 * spacing
+        self.flatness = FLATNESS * spacing
 
     def partial(self, state):
         """Sum weights, wet weights, weighted pressure and its first-order correction: (4,) float64."""
@@ -110,12 +110,15 @@ class PressureGauge:
         offset = surface - self.at
         weight = np.maximum(1.0 - np.sum(offset**2, axis=1) / self.radius**2, 0.0) ** 2
         if self.on_wall:
-            level = np.abs(offset @ self.normal) < self.flatness
-            weight = weight * (level & (state.normal[near] @ self.normal > SAME_WALL))
+            # the chord of a circle or a ball is at right angles to the sum of the normals at its ends
+            normal = state.normal[near]
+            height = 0.5 * np.einsum("ij,ij->i", offset, self.normal + normal)
+            level = np.minimum(np.abs(offset @ self.normal), np.abs(height)) < self.flatness
+            weight = weight * (level & (normal @ self.normal > SAME_WALL))
             wet = weight * (pressure != 0.0)
         else:
             wet = weight
-        correction = -_density(state, near) * (offset @ state.force)
+        correction = -_density(state, near) * (offset @ state.force_at(self.at))
         return np.array([weight.sum(), wet.sum(), weight @ pressure, weight @ correction])
 
     def value(self, sums):

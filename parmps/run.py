@@ -158,6 +158,7 @@ class Run:
             surface=s.work.surface[own],
             spacing=s.l0,
             force=s.frame.force,
+            force_at=s.frame.force_at,
             density=s.liquids.density[p.fluid[own]],
             volume=(s.particle_mass / s.liquids.density)[p.fluid[own]],
             fraction=np.ones(p.owned) if s.fraction is None else s.fraction[own],

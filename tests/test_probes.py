@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from parmps.loader import parse_job
+from parmps.motion import Motion
 from parmps.probes import build_probes
 from parmps.tank import FLUID, place
 
@@ -39,6 +40,7 @@ def hydrostatic(p, depth, force=(0.0, 0.0, -G)):
         depth=p.depth,
         spacing=p.spacing,
         force=force,
+        force_at=lambda x: np.broadcast_to(force, x.shape),
         density=RHO,
     )
 
@@ -71,6 +73,36 @@ def test_pressure_is_exact_where_hydrostatic(wall):
     wanted = [RHO * (np.array([x, 0, z]) @ force + 0.25 * G) for x, z in points]
     np.testing.assert_allclose([values[f"P{i} [Pa]"] for i in range(len(points))], wanted, rtol=1e-9)
     assert values["dry [Pa]"] == values["air [Pa]"] == 0
+
+
+@pytest.mark.parametrize("size", [(0.4, 0.4), (0.5, 0.4, 0.4), (0.4, 0.4, 0.4)])
+def test_pressure_is_exact_on_curved_walls(size):
+    """Walls seen from a probe on them fall away from its plane by d^2 / 2R."""
+    across = [(0.2 + 0.2 * np.sin(a), 0.2 - 0.2 * np.cos(a)) for a in (0.0, 0.3, 0.8, 1.2)]
+    points = [at if len(size) == 2 else (0.2, *at) for at in across]
+    probes = ", ".join(f"{{name: P{i}, kind: pressure, at: {[float(x) for x in at]}}}" for i, at in enumerate(points))
+    shape = "sphere" if size == (0.4, 0.4, 0.4) else "cylinder"
+    job = parse_job(
+        f"dimension: {len(size)}\nspacing: 0.05\ntank: {{shape: {shape}, size: {list(size)}}}\n"
+        f"fluids: [{{name: water, depth: 0.25}}]\ntime: {{end: 1.0}}\nprobes: [{probes}]\n"
+    )
+    p = place(job, "half")
+    values = measure(job, hydrostatic(p, 0.25), p.geometry)
+    np.testing.assert_allclose(list(values.values()), [RHO * G * (0.25 - at[-1]) for at in points], rtol=1e-9)
+
+
+def test_wall_pressure_is_by_the_body_force_at_the_wall():
+    """In a tank that turns, pressure grows towards the wall by rho w^2 r, whatever the body force at the origin."""
+    job = make_job("{name: P, kind: pressure, at: [0.8, 0.25]}, {name: load, kind: force}", depth=0.5)
+    p = place(job, "half")
+    frame = Motion(job.motion, 0.0, 2, job.tank).at(0.0)._replace(omega=np.array([0.0, 30.0, 0.0]))
+    state = hydrostatic(p, 0.5)
+    state.force, state.force_at = frame.force, frame.force_at
+    state.pressure = 0.5 * RHO * 900.0 * np.sum(p.position**2, axis=1)
+    values = measure(job, state, p.geometry)
+    # linear over half a spacing
+    assert values["P [Pa]"] == pytest.approx(0.5 * RHO * 900.0 * (0.8**2 + 0.25**2), rel=1e-4)
+    assert values["load.Fx [N/m]"] == pytest.approx(0.5 * RHO * 900.0 * 0.8**2 * 0.5, rel=1e-4)
 
 
 def test_pressure_near_the_waterline_is_an_area_average():

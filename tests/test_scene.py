@@ -129,12 +129,12 @@ def test_jobs_are_immutable():
         (["tank", "shape"], "pyramid", "tank.shape: got 'pyramid', must be 'box'"),
         (["tank"], 3, "tank: got 3, must be a mapping of keys"),
         (["tank", "baffles", 0, "x"], 0.795, "tank.baffles[0].x: the baffle reaches from 0.785 m to 0.805 m"),
-        (["tank", "baffles", 0, "top"], 0.6, "tank.baffles[0].bottom: the baffle reaches from 0 m to 0.6 m"),
+        (["tank", "baffles", 0, "top"], 0.6, "tank.baffles[0].top: the baffle reaches from 0 m to 0.6 m"),
         (["tank", "baffles", 0, "top"], 0.0, "the first must be the lower"),
         (["tank", "baffles", 0, "thickness"], 0, "tank.baffles[0].thickness: got 0, must be greater than 0"),
         (["tank", "baffles", 0, "width"], [0, 0.1], "tank.baffles[0].width: a 2D tank has no width"),
         (["tank", "baffles", 0, "z"], 0.1, "tank.baffles[0]: got x, bottom, top, z, must be"),
-        (["tank", "baffles", 1, "right"], 0.9, "tank.baffles[1].left: the baffle reaches from 0 m to 0.9 m"),
+        (["tank", "baffles", 1, "right"], 0.9, "tank.baffles[1].right: the baffle reaches from 0 m to 0.9 m"),
         (["fluids"], [], "fluids: got [], must have at least 1 entries"),
         (
             ["fluids", 0, "depth"],
@@ -212,6 +212,7 @@ def test_jobs_are_immutable():
         (["scheme"], {"radius": 9}, "scheme.radius: got 9, must be at most 5 (l0)"),
         (["scheme"], 3, "scheme: got 3, must be a preset name or a mapping"),
         (["probes", 0, "at"], [0.0, 0.6], "probes[0].at[1]: got 0.6, must be inside the tank: 0 to 0.5 (m)"),
+        (["probes", 0, "at"], [0.4, 0.1], "probes[0].at: got [0.4, 0.1] m, which lies inside tank.baffles[0]"),
         (["probes", 0, "at"], [0.0, 0.1, 0.1], "probes[0].at: got [0.0, 0.1, 0.1], must be [x, z] in 2D (m)"),
         (["probes", 1, "at"], [0.0, 0.1], "probes[1].at: got [0.0, 0.1], must be [x] in 2D (m)"),
         (["probes", 1, "name"], "P1", "probes[1].name: 'P1' is taken"),
@@ -251,6 +252,33 @@ def test_refusals_3d(path, value, expected):
     with pytest.raises(InputError) as refusal:
         build(base=changed(path, value, BASE_3D))
     assert expected in str(refusal.value)
+
+
+PLATE = {"x": 0.4, "bottom": 0, "top": 0.2, "thickness": 0.02}
+
+
+@pytest.mark.parametrize(
+    ("baffle", "at", "refused"),
+    [
+        (PLATE, [0.4, 0.2, 0.1], True),
+        (PLATE, [0.41, 0.2, 0.1], False),
+        (PLATE, [0.4, 0.2, 0.2], False),
+        (PLATE | {"width": [0.1, 0.2]}, [0.4, 0.25, 0.1], False),
+        (PLATE | {"openings": [[[0.1, 0.05], [0.3, 0.15]]]}, [0.4, 0.2, 0.1], False),
+        ({"x": 0.4, "ring": 0.1, "thickness": 0.02}, [0.4, 0.2, 0.05], True),
+        ({"x": 0.4, "ring": 0.1, "thickness": 0.02}, [0.4, 0.2, 0.2], False),
+        ({"z": 0.2, "left": 0.0, "right": 0.3, "thickness": 0.02}, [0.0, 0.2, 0.2], True),
+        ({"z": 0.2, "left": 0.0, "right": 0.3, "thickness": 0.02}, [0.4, 0.2, 0.2], False),
+    ],
+)
+def test_a_pressure_probe_is_on_a_face_of_a_baffle_or_outside(baffle, at, refused):
+    job = BASE_3D | {"probes": [{"name": "P", "kind": "pressure", "at": at}]}
+    job = changed(["tank", "baffles"], [baffle], job)
+    if refused:
+        with pytest.raises(InputError, match="inside tank.baffles"):
+            build(base=job)
+    else:
+        build(base=job)
 
 
 def test_motion_file_must_cover_the_run_and_stay_in_plane(tmp_path):

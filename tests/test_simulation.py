@@ -361,6 +361,30 @@ def test_liquid_that_turns_with_its_tank_has_the_centrifugal_pressure(start, tmp
     assert np.abs(p.velocity[liquid]).max() < 0.02 * omega * 0.18
 
 
+def test_liquid_in_a_round_tank_that_turns_keeps_its_energy(start, tmp_path):
+    """It stays behind; Coriolis' force, at right angles to its velocity, does no work."""
+    (tmp_path / "spin.csv").write_text("time [s],roll [deg]\n" + "".join(f"{t},{500 * t}\n" for t in range(5)))
+    sim = start(
+        "dimension: 2\nspacing: 0.02\ntank: {shape: cylinder, size: [0.4, 0.4]}\nfluids: [{name: water, fill: 1.0}]\n"
+        f"motion: [{{kind: file, path: {tmp_path / 'spin.csv'}, centre: [0.2, 0.2]}}]\n"
+        "gravity: 0\ntime: {end: 1.0, max_step: 2.0e-3}\n"
+    )
+    march(sim, 0.2)
+    assert sim.kinetic_energy() == pytest.approx(sim.initial_energy, rel=0.02)
+
+
+@pytest.mark.parametrize("scheme", ["balanced", "papers"])
+def test_work_of_gravity_is_the_fall_of_the_centre(start, scheme):
+    sim = start(
+        "dimension: 2\nspacing: 0.02\ntank: {size: [0.4, 0.3]}\ntime: {end: 1.0}\n"
+        f"fluids: [{{name: water, region: {{box: [[0, 0], [0.2, 0.2]]}}}}]\nscheme: {scheme}\n"
+    )
+    mass, height = sim.particle_mass[0], sim.particles.position[: sim.particles.liquid, 2].sum()
+    march(sim, 0.1)
+    fall = height - sim.particles.position[: sim.particles.liquid, 2].sum()
+    assert sim.work_done == pytest.approx(mass * G * fall, rel=0.02)
+
+
 def test_liquid_stays_behind_when_the_tank_starts_with_a_jump(start):
     """x = a sin(w t) has the speed a w at the start: seen from the tank, the liquid moves back with it."""
     sim = start(FULL, "fluids[0].depth=0.1", "motion=[{kind: surge, amplitude: 0.02, omega: 7.0}]")
