@@ -692,7 +692,6 @@ def correct(sim):
     liquid = slice(0, p.liquid)
     p.velocity[liquid] -= sim.dt * p.acceleration[liquid]
     p.position[liquid] -= sim.dt**2 * p.acceleration[liquid]
-    sim.evaluate_body_force()  # the divergence of v* had it, not the pressure equation
     sim.count_work()
     sim.keep_inside()
 
