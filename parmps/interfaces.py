@@ -148,7 +148,7 @@ def smooth_fraction(sim, fraction, near, links):
     sim.domain.exchange(near.fraction)
 
 
-def find_normals(sim, near, links):
+def find_normals(sim, near, links, sheet):
     """Normals of the interfaces, from the smoothed fraction.
 
     Parameters
@@ -157,12 +157,38 @@ def find_normals(sim, near, links):
     near : Near
         Has the fraction, and the result.
     links : Links
+    sheet : (liquids, liquids) bool
+        Between which liquids there are interfaces.
     """
     between = (links.begin, links.index, links.offset, links.image, links.strength)
-    common = (sim.particles.fluid, sim.liquids.sheet)
     into = (near.normal, near.beyond)
-    interface.normals(*common, near.fraction, near.index, *between, sim.l0, sim.dimension, *into)
+    interface.normals(
+        sim.particles.fluid, sheet, near.fraction, near.index, *between, sim.l0, sim.dimension, *into
+    )
     sim.domain.exchange(near.normal)
+
+
+def smooth_curvature(sim, near, links, sheet, bend):
+    """Curvature of the contours of the fraction, smoothed.
+
+    Parameters
+    ----------
+    sim : Simulation
+    near : Near
+        Has the normals.
+    links : Links
+    sheet
+        As in `find_normals`.
+    bend : (n,) float64, 1/m
+        Filled for those particles, and those of other ranks but for the last smoothing.
+    """
+    common, between = (sim.particles.fluid, sheet), (links.begin, links.index, links.offset)
+    images = (*between, links.image, links.mirror, links.strength)
+    interface.curvature(*common, near.normal, near.index, *images, sim.dimension, bend)
+    weights = (*between, links.strength, sim.scheme.radius)
+    for _ in range(SMOOTHINGS):
+        sim.domain.exchange(bend)
+        interface.smooth_curvature(*common, bend.copy(), near.normal, near.index, *weights, bend)
 
 
 def find_interfaces(sim):
@@ -171,7 +197,7 @@ def find_interfaces(sim):
     near.reset(interface.find_near(*sim.pairs.lists, p.kind, p.fluid, sim.liquids.sheet, p.liquid, near.room))
     links = Links(sim, near)
     smooth_fraction(sim, near.fraction.copy(), near, links)
-    find_normals(sim, near, links)
+    find_normals(sim, near, links, sim.liquids.sheet)
     limit = SLIP * sim.l0 * sim.grid_number / sim.dt
     interface.find_slip(p.velocity, p.kind, p.fluid, sim.liquids.sheet, near.index, *sim.pairs.wet, limit, near.slips)
     near.beyond[near.index[near.slips[near.index] == 0]] = 0.0
@@ -190,15 +216,9 @@ def find_curvature(sim):
     for _ in range(SMOOTHINGS):
         smooth_fraction(sim, fraction, near, links)
         fraction = near.fraction.copy()
-    find_normals(sim, near, links)
-    common, between = (p.fluid, sim.liquids.sheet), (links.begin, links.index, links.offset)
+    find_normals(sim, near, links, sim.liquids.sheet)
     w.bend[:] = 0.0
-    images = (*between, links.image, links.mirror, links.strength)
-    interface.curvature(*common, near.normal, near.index, *images, sim.dimension, w.bend)
-    weights = (*between, links.strength, sim.scheme.radius)
-    for _ in range(SMOOTHINGS):
-        sim.domain.exchange(w.bend)
-        interface.smooth_curvature(*common, w.bend.copy(), near.normal, near.index, *weights, w.bend)
+    smooth_curvature(sim, near, links, sim.liquids.sheet, w.bend)
     share_with_walls(sim, w.bend)
 
 
@@ -263,6 +283,7 @@ def correct_acceleration(sim):
         sim.liquids.tension,
         w.bend,
         None if near is None else near.normal,
+        w.above,
     )
     density.invert(inverse, s.gradient_floor, sim.dimension, inverse)
     interface.solve_gradient(w.force, index, inverse, sums, p.acceleration)

@@ -99,6 +99,8 @@ class Work:
         self.bend = None if liquids.tension is None else np.zeros(count)
         self.near_interface = None if liquids.sheet is None else Near(rows, count)
         self.curved = None if liquids.tension is None else Near(rows, count)
+        self.above = None if liquids.surface_tension is None else np.zeros(count)
+        self.near_surface = None if liquids.surface_tension is None else Near(rows, count)
 
 
 class Simulation:
@@ -396,6 +398,8 @@ class Simulation:
         self.suction = float(self.liquids.density.max()) * (0.5 * speed**2 + strength * length)
         if self.liquids.tension is not None:
             self.suction += float(self.liquids.tension.max()) / self.l0
+        if self.liquids.surface_tension is not None:
+            self.suction += float(self.liquids.surface_tension.max()) / self.l0
         return int(request)
 
     def _head(self):

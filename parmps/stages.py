@@ -26,6 +26,7 @@ from parmps.kernels import density, gradient, poisson, shifting, velocity, visco
 from parmps.kernels.weight import weight
 from parmps.liquids import Liquids
 from parmps.particles import DUMMY, FLUID, WALL
+from parmps.surface import find_surface_pressure
 
 VOLUME_EVERY = 10
 """Steps between two measurements of the volume error and of the surface row, which change slowly."""
@@ -135,7 +136,15 @@ def make_plan(job, ranks):
         "curvature",
         "surface tension makes the pressure jump",
         find_curvature,
-        "no surface tension",
+        "no surface tension between liquids",
+    )
+    tense = any(fluid.surface_tension > 0.0 for fluid in job.fluids)
+    surface_tension = when(
+        liquids.surface_tension is not None,
+        "surface tension",
+        "the pressure on the free surface is that of its curvature",
+        find_surface_pressure,
+        "the tank is full" if tense else "no surface tension at the free surface",
     )
     contact = when(
         scheme.collision_distance > 0.0,
@@ -198,6 +207,7 @@ def make_plan(job, ranks):
             *interfaces,
             *around,
             *curvature,
+            *surface_tension,
             *volume,
             Stage("body force", "gravity and the tank's motion, balanced in the pressure equation", predict),
             *viscosity,
@@ -544,6 +554,7 @@ def solve_pressure(sim):
         sim.liquids.share,
         sim.liquids.tension,
         w.bend,
+        w.above,
     )
     if sim.check_floating():
         held = w.surface[: p.rows]
@@ -610,6 +621,7 @@ def pressure_gradient(sim):
             sim.liquids.volume,
             sim.liquids.tension,
             w.bend,
+            w.above,
         )
     else:
         extrapolate_to_dummies(sim)
