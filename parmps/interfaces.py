@@ -101,12 +101,13 @@ def share_with_walls(sim, values):
 
 
 class Links:
-    """Liquid neighbours of particles near interfaces, with images behind walls.
+    """Liquid neighbours of particles near interfaces or the free surface, with images behind walls.
 
     Parameters
     ----------
     sim : Simulation
-    near : Near
+    near : (m,) int32
+        The particles.
 
     Attributes
     ----------
@@ -118,14 +119,14 @@ class Links:
 
     def __init__(self, sim, near):
         p, (first, last, other) = sim.particles, sim.pairs.wet
-        count = len(near.index)
-        capacity = 2**sim.dimension * int((last[near.index] - first[near.index] + 1).sum())
+        count = len(near)
+        capacity = 2**sim.dimension * int((last[near] - first[near] + 1).sum())
         self.begin, self.index = np.empty(count + 1, np.int64), np.empty(capacity, np.int32)
         self.offset, self.image = np.empty((capacity, 3)), np.empty(capacity, np.int8)
         self.mirror = np.empty((count, 3, 3))
         reach = sim.scheme.radius * sim.l0
         walls = (p.normal, p.depth)
-        lists = (near.index, first, last, other)
+        lists = (near, first, last, other)
         into = (self.begin, self.index, self.offset, self.image, self.mirror)
         interface.image_links(p.position, p.kind, *walls, *lists, reach, *into)
         self.smooth, self.strength = np.empty((2, self.begin[-1]))
@@ -148,7 +149,7 @@ def smooth_fraction(sim, fraction, near, links):
     sim.domain.exchange(near.fraction)
 
 
-def find_normals(sim, near, links, sheet):
+def find_normals(sim, near, links):
     """Normals of the interfaces, from the smoothed fraction.
 
     Parameters
@@ -157,47 +158,21 @@ def find_normals(sim, near, links, sheet):
     near : Near
         Has the fraction, and the result.
     links : Links
-    sheet : (liquids, liquids) bool
-        Between which liquids there are interfaces.
     """
     between = (links.begin, links.index, links.offset, links.image, links.strength)
+    common = (sim.particles.fluid, sim.liquids.sheet)
     into = (near.normal, near.beyond)
-    interface.normals(
-        sim.particles.fluid, sheet, near.fraction, near.index, *between, sim.l0, sim.dimension, *into
-    )
+    interface.normals(*common, near.fraction, near.index, *between, sim.l0, sim.dimension, *into)
     sim.domain.exchange(near.normal)
-
-
-def smooth_curvature(sim, near, links, sheet, bend):
-    """Curvature of the contours of the fraction, smoothed.
-
-    Parameters
-    ----------
-    sim : Simulation
-    near : Near
-        Has the normals.
-    links : Links
-    sheet
-        As in `find_normals`.
-    bend : (n,) float64, 1/m
-        Filled for those particles, and those of other ranks but for the last smoothing.
-    """
-    common, between = (sim.particles.fluid, sheet), (links.begin, links.index, links.offset)
-    images = (*between, links.image, links.mirror, links.strength)
-    interface.curvature(*common, near.normal, near.index, *images, sim.dimension, bend)
-    weights = (*between, links.strength, sim.scheme.radius)
-    for _ in range(SMOOTHINGS):
-        sim.domain.exchange(bend)
-        interface.smooth_curvature(*common, bend.copy(), near.normal, near.index, *weights, bend)
 
 
 def find_interfaces(sim):
     """Find the particles near interfaces, and the interfaces' normals."""
     p, near = sim.particles, sim.work.near_interface
     near.reset(interface.find_near(*sim.pairs.lists, p.kind, p.fluid, sim.liquids.sheet, p.liquid, near.room))
-    links = Links(sim, near)
+    links = Links(sim, near.index)
     smooth_fraction(sim, near.fraction.copy(), near, links)
-    find_normals(sim, near, links, sim.liquids.sheet)
+    find_normals(sim, near, links)
     limit = SLIP * sim.l0 * sim.grid_number / sim.dt
     interface.find_slip(p.velocity, p.kind, p.fluid, sim.liquids.sheet, near.index, *sim.pairs.wet, limit, near.slips)
     near.beyond[near.index[near.slips[near.index] == 0]] = 0.0
@@ -212,13 +187,19 @@ def find_curvature(sim):
     p, w, near = sim.particles, sim.work, sim.work.curved
     fraction = w.near_interface.fraction
     near.reset(interface.widen(*sim.pairs.lists, p.kind, fraction, p.liquid, near.room))
-    links = Links(sim, near)
+    links = Links(sim, near.index)
     for _ in range(SMOOTHINGS):
         smooth_fraction(sim, fraction, near, links)
         fraction = near.fraction.copy()
-    find_normals(sim, near, links, sim.liquids.sheet)
+    find_normals(sim, near, links)
+    common, between = (p.fluid, sim.liquids.sheet), (links.begin, links.index, links.offset)
     w.bend[:] = 0.0
-    smooth_curvature(sim, near, links, sim.liquids.sheet, w.bend)
+    images = (*between, links.image, links.mirror, links.strength)
+    interface.curvature(*common, near.normal, near.index, *images, sim.dimension, w.bend)
+    weights = (*between, links.strength, sim.scheme.radius)
+    for _ in range(SMOOTHINGS):
+        sim.domain.exchange(w.bend)
+        interface.smooth_curvature(*common, w.bend.copy(), near.normal, near.index, *weights, w.bend)
     share_with_walls(sim, w.bend)
 
 

@@ -81,6 +81,8 @@ class Work:
         How far what is around a particle keeps it from moving on its own, from 0 to 1; None where all are whole.
     weak : (m,) int32
         The particles of little support.
+    above : None or (count,) float64
+        Pressure on the free surface above its particles, Pa; None without surface tension there.
     """
 
     def __init__(self, centres, rows, count, liquids, supported):
@@ -100,7 +102,6 @@ class Work:
         self.near_interface = None if liquids.sheet is None else Near(rows, count)
         self.curved = None if liquids.tension is None else Near(rows, count)
         self.above = None if liquids.surface_tension is None else np.zeros(count)
-        self.near_surface = None if liquids.surface_tension is None else Near(rows, count)
 
 
 class Simulation:
@@ -399,7 +400,7 @@ class Simulation:
         if self.liquids.tension is not None:
             self.suction += float(self.liquids.tension.max()) / self.l0
         if self.liquids.surface_tension is not None:
-            self.suction += float(self.liquids.surface_tension.max()) / self.l0
+            self.suction += (self.dimension - 1) * float(self.liquids.surface_tension.max()) / self.l0
         return int(request)
 
     def _head(self):

@@ -8,6 +8,9 @@ from numba import njit
 from parmps.kernels.compiled import compiled
 from parmps.kernels.density import invert
 
+FLOOR = 0.2
+"""Least eigenvalue of the moment matrices; 1 along an even surface."""
+
 
 @njit(inline="always")
 def _mirrored(x, y, z, image, walls):
@@ -80,45 +83,18 @@ def fit_normals(guess, asymmetry, surface, near, begin, index, offset, image, mi
         out[i] = guess[i]
         if size == 0.0:
             continue
-        scale = (dimension - 1) / size
-        f = scale / total
-        matrix[0, 0], matrix[0, 1], matrix[0, 2] = scale * xx - f * mx * mx, scale * xy - f * mx * my, scale * xz - f * mx * mz
-        matrix[0, 3], matrix[0, 4], matrix[0, 5] = scale * yy - f * my * my, scale * yz - f * my * mz, scale * zz - f * mz * mz
-        gx, gy, gz = scale * gx - f * mh * mx, scale * gy - f * mh * my, scale * gz - f * mh * mz
-        invert(matrix, 0.2, dimension, inverse)
+        scale, f = (dimension - 1) / size, 1.0 / total
+        gx, gy, gz = gx - f * mh * mx, gy - f * mh * my, gz - f * mh * mz
+        gx, gy, gz = scale * gx, scale * gy, scale * gz
+        matrix[0, 0], matrix[0, 1], matrix[0, 2] = xx - f * mx * mx, xy - f * mx * my, xz - f * mx * mz
+        matrix[0, 3], matrix[0, 4], matrix[0, 5] = yy - f * my * my, yz - f * my * mz, zz - f * mz * mz
+        matrix *= scale
+        invert(matrix, FLOOR, dimension, inverse)
         m = inverse[0]
         nx -= m[0] * gx + m[1] * gy + m[2] * gz
         ny -= m[1] * gx + m[3] * gy + m[4] * gz
         nz -= m[2] * gx + m[4] * gy + m[5] * gz
         size = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
-        out[i, 0], out[i, 1], out[i, 2] = size * nx, size * ny, size * nz
-
-
-@compiled
-def smooth_normals(normal, near, begin, index, offset, image, mirror, strength, out):
-    """Unit normals smoothed along the surface.
-
-    Parameters
-    ----------
-    normal : (n, 3) float64
-        Unit normals of particles in the surface; 0 elsewhere.
-    near, begin, index, offset, image, mirror, strength
-        As in `fit_normals`.
-    out : (n, 3) float64
-        Filled for those particles.
-    """
-    for a in range(near.shape[0]):
-        i = near[a]
-        nx, ny, nz = normal[i, 0], normal[i, 1], normal[i, 2]
-        ox, oy, oz = nx, ny, nz
-        for k in range(begin[a], begin[a + 1]):
-            j = index[k]
-            x, y, z = _mirrored(normal[j, 0], normal[j, 1], normal[j, 2], image[k], mirror[a])
-            if x * ox + y * oy + z * oz <= 0.0:
-                continue
-            s = strength[k] * (offset[k, 0] ** 2 + offset[k, 1] ** 2 + offset[k, 2] ** 2)
-            nx, ny, nz = nx + s * x, ny + s * y, nz + s * z
-        size = 1.0 / (math.sqrt(nx * nx + ny * ny + nz * nz) + 1e-300)
         out[i, 0], out[i, 1], out[i, 2] = size * nx, size * ny, size * nz
 
 
@@ -131,13 +107,15 @@ def curvature(normal, near, begin, index, offset, image, mirror, strength, dista
 
     Parameters
     ----------
-    normal, near, begin, index, offset, image, mirror, strength
-        As in `smooth_normals`.
+    normal : (n, 3) float64
+        Unit normals of particles in the surface; 0 elsewhere.
+    near, begin, index, offset, image, mirror, strength
+        As in `fit_normals`.
     distance : float
         From surface particles to the free surface, m.
     dimension : int
-    out : (n,) float64, 1/m
-        Filled for those particles.
+    out : (m,) float64, 1/m
+        Filled.
     """
     for a in range(near.shape[0]):
         i = near[a]
@@ -156,4 +134,4 @@ def curvature(normal, near, begin, index, offset, image, mirror, strength, dista
             s = strength[k]
             change += s * (x * dx + y * dy + z * dz)
             total += s * (dx * dx + dy * dy + dz * dz)
-        out[i] = (dimension - 1) * change / total if total > 0.0 else 0.0
+        out[a] = (dimension - 1) * change / total if total > 0.0 else 0.0
