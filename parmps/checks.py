@@ -174,12 +174,6 @@ def _check_fluids(job):
             raise InputError(f"{key}.depth", "each fluid must have exactly one of depth, fill and region")
         if fluid.region is not None:
             _check_region(job, fluid.region, f"{key}.region")
-        fitted = job.scheme.position == "start" and job.scheme.gradient == "corrected" and job.scheme.surface == "ghost"
-        if fluid.surface_tension > 0.0 and not fitted:
-            raise InputError(
-                f"{key}.surface_tension",
-                "needs scheme.position: start, scheme.gradient: corrected and scheme.surface: ghost",
-            )
     shares = sum(fluid.fill or 0.0 for fluid in job.fluids)
     if shares > 1.0 + TOLERANCE:
         raise InputError("fluids", f"overfull: fill sums to {shares:g}, must be at most 1")

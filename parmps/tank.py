@@ -87,6 +87,11 @@ def require_supported(job):
         raise InputError("scheme.position", "got 'moved', not yet supported with several fluids; use start")
     if len(job.fluids) > 1 and job.scheme.gradient != "corrected":
         raise InputError("scheme.gradient", "must be corrected with several fluids; others are not yet supported")
+    wanted = {"position": "start", "gradient": "corrected", "surface": "ghost"}
+    for number, fluid in enumerate(job.fluids):
+        other = [f"scheme.{key}: {value}" for key, value in wanted.items() if getattr(job.scheme, key) != value]
+        if fluid.surface_tension > 0.0 and other:
+            raise InputError(f"fluids[{number}].surface_tension", f"not yet supported without {', '.join(other)}")
 
 
 def place(job, wall, part=0, parts=1, layers=3):
