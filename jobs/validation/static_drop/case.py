@@ -21,8 +21,8 @@ VARIANTS = {
         "interfaces=[]", f"fluids=[{{name: drop, region: {{disc: {{centre: [0.5, 0.5], radius: 0.25}}}}, {FREE}",
     ],
     "3D, free surface, 6 spacings": [
-        *BALL[:3], "interfaces=[]", "time.end=4",
-        f"fluids=[{{name: drop, region: {{ball: {{centre: [0.5, 0.5, 0.5], radius: 0.3}}}}, {FREE}",
+        *BALL[:2], "tank={size: [1.4, 1.4, 1.4]}", "interfaces=[]", "time.end=4",
+        f"fluids=[{{name: drop, region: {{ball: {{centre: [0.7, 0.7, 0.7], radius: 0.3}}}}, {FREE}",
     ],
 }  # fmt: skip
 TARGETS = {"jump [%]": 2.0, "capillary number [1e-3]": 1.0}
