@@ -295,6 +295,13 @@ def _check_scheme(job):
             f"got '{scheme.gradient}', must be corrected with several fluids and position: start, whose densities are "
             "sharp",
         )
+    wanted = {"position": "start", "gradient": "corrected", "surface": "ghost"}
+    missing = ", ".join(f"scheme.{key}: {value}" for key, value in wanted.items() if getattr(scheme, key) != value)
+    for number, fluid in enumerate(job.fluids):
+        if fluid.surface_tension > 0.0 and missing:
+            raise InputError(
+                f"fluids[{number}].surface_tension", f"got {fluid.surface_tension:g}, must be 0 without {missing}"
+            )
 
 
 def _check_unique(names, key):

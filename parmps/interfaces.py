@@ -101,12 +101,13 @@ def share_with_walls(sim, values):
 
 
 class Links:
-    """Liquid neighbours of particles near interfaces, with images behind walls.
+    """Liquid neighbours of particles near interfaces or the free surface, with images behind walls.
 
     Parameters
     ----------
     sim : Simulation
-    near : Near
+    near : (m,) int32
+        The particles.
 
     Attributes
     ----------
@@ -118,14 +119,14 @@ class Links:
 
     def __init__(self, sim, near):
         p, (first, last, other) = sim.particles, sim.pairs.wet
-        count = len(near.index)
-        capacity = 2**sim.dimension * int((last[near.index] - first[near.index] + 1).sum())
+        count = len(near)
+        capacity = 2**sim.dimension * int((last[near] - first[near] + 1).sum())
         self.begin, self.index = np.empty(count + 1, np.int64), np.empty(capacity, np.int32)
         self.offset, self.image = np.empty((capacity, 3)), np.empty(capacity, np.int8)
         self.mirror = np.empty((count, 3, 3))
         reach = sim.scheme.radius * sim.l0
         walls = (p.normal, p.depth)
-        lists = (near.index, first, last, other)
+        lists = (near, first, last, other)
         into = (self.begin, self.index, self.offset, self.image, self.mirror)
         interface.image_links(p.position, p.kind, *walls, *lists, reach, *into)
         self.smooth, self.strength = np.empty((2, self.begin[-1]))
@@ -169,7 +170,7 @@ def find_interfaces(sim):
     """Find the particles near interfaces, and the interfaces' normals."""
     p, near = sim.particles, sim.work.near_interface
     near.reset(interface.find_near(*sim.pairs.lists, p.kind, p.fluid, sim.liquids.sheet, p.liquid, near.room))
-    links = Links(sim, near)
+    links = Links(sim, near.index)
     smooth_fraction(sim, near.fraction.copy(), near, links)
     find_normals(sim, near, links)
     limit = SLIP * sim.l0 * sim.grid_number / sim.dt
@@ -186,7 +187,7 @@ def find_curvature(sim):
     p, w, near = sim.particles, sim.work, sim.work.curved
     fraction = w.near_interface.fraction
     near.reset(interface.widen(*sim.pairs.lists, p.kind, fraction, p.liquid, near.room))
-    links = Links(sim, near)
+    links = Links(sim, near.index)
     for _ in range(SMOOTHINGS):
         smooth_fraction(sim, fraction, near, links)
         fraction = near.fraction.copy()
@@ -263,6 +264,7 @@ def correct_acceleration(sim):
         sim.liquids.tension,
         w.bend,
         None if near is None else near.normal,
+        w.above,
     )
     density.invert(inverse, s.gradient_floor, sim.dimension, inverse)
     interface.solve_gradient(w.force, index, inverse, sums, p.acceleration)

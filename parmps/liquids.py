@@ -27,7 +27,7 @@ class Liquids:
     viscous_rate : float, m2/s
         The greatest of them, which bounds the time step.
     capillary_rate : float, m3/s2
-        The greatest sigma / (rho_1 + rho_2), which bounds the time step.
+        The greatest sigma / (rho_1 + rho_2), with rho_2 = 0 at the free surface, which bounds the time step.
     contrast : float
         Square root of the least density over the greatest. An error e of the pressure gives liquid of density rho the
         energy e^2 / rho, so that the lightest one bounds the error that energy allows.
@@ -40,6 +40,8 @@ class Liquids:
         or surface tension acts; None for nowhere.
     tension : None or (liquids, liquids) float64, N/m
         Interfacial tension; None where all are zero.
+    surface_tension : None or (liquids,) float64, N/m
+        At the free surface; None where all are zero, or where there is no free surface.
     """
 
     def __init__(self, job):
@@ -48,7 +50,7 @@ class Liquids:
         self.several = len(rho) > 1
         self.density = rho
         self.reference = float(rho[0])
-        self.volume = self.share = self.tension = self.sheet = None
+        self.volume = self.share = self.tension = self.sheet = self.surface_tension = None
         self.capillary_rate = 0.0
         self.contrast = float(np.sqrt(rho.min() / rho.max()))
         if self.several:
@@ -61,6 +63,10 @@ class Liquids:
                 sheet |= self.tension > 0.0
                 self.capillary_rate = float(np.max(self.tension / total))
             self.sheet = sheet if sheet.any() else None
+        free = np.array([fluid.surface_tension for fluid in job.fluids])
+        if free.any() and not job.full:
+            self.surface_tension = free
+            self.capillary_rate = max(self.capillary_rate, float(np.max(free / rho)))
         self.viscosity = harmonic(rho * nu) / rho[:, None]
         self.viscous_rate = float(np.max(self.viscosity))
 

@@ -175,6 +175,7 @@ class Fluid(Section):
     region: Region | None = setting("region filled, instead of a depth", default=None)
     density: Number = setting("density", "kg/m3", 1000.0, ge=1e-3, le=2e4)
     kinematic_viscosity: Number = setting("kinematic viscosity", "m2/s", 1.01e-6, ge=0, le=100)
+    surface_tension: Number = setting("surface tension at the free surface", "N/m", 0.0, ge=0, le=100)
 
 
 class Rest(Kind):

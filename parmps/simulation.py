@@ -91,6 +91,8 @@ class Work:
         densities are sharp.
     weak : (m,) int32
         The particles of little support.
+    above : None or (count,) float64
+        Pressure on the free surface above its particles, Pa; None without surface tension there.
     """
 
     def __init__(self, centres, rows, count, stages):
@@ -111,6 +113,7 @@ class Work:
         self.curved = Near(rows, count) if "curvature" in stages else None
         smooth = "density smoothing" in stages
         self.mass_density, self.fraction = (np.empty(count), np.ones(count)) if smooth else (None, None)
+        self.above = np.zeros(count) if "surface pressure" in stages else None
 
 
 class Simulation:
@@ -425,6 +428,8 @@ class Simulation:
         self.suction = float(self.liquids.density.max()) * (0.5 * speed**2 + strength * length)
         if self.liquids.tension is not None:
             self.suction += float(self.liquids.tension.max()) / self.l0
+        if self.liquids.surface_tension is not None:
+            self.suction += (self.dimension - 1) * float(self.liquids.surface_tension.max()) / self.l0
         return int(request)
 
     def _head(self):

@@ -27,6 +27,7 @@ from parmps.kernels.weight import weight
 from parmps.liquids import Liquids
 from parmps.particles import DUMMY, FLUID, WALL
 from parmps.smoothing import add_surface_tension, mass_density, smooth_mass_density
+from parmps.surface import find_surface_pressure
 
 VOLUME_EVERY = 10
 """Steps between two measurements of the volume error and of the surface row, which change slowly."""
@@ -177,7 +178,15 @@ def make_plan(job, ranks):
         "curvature",
         "surface tension makes the pressure jump",
         find_curvature,
-        "no surface tension",
+        "no surface tension between liquids",
+    )
+    tense = any(fluid.surface_tension > 0.0 for fluid in job.fluids)
+    above = when(
+        liquids.surface_tension is not None,
+        "surface pressure",
+        "the pressure on the free surface is that of its curvature",
+        find_surface_pressure,
+        "the tank is full" if tense else "no surface tension at the free surface",
     )
     volume = when(
         scheme.volume_time is not None,
@@ -210,6 +219,7 @@ def make_plan(job, ranks):
             *interfaces,
             *around,
             *curvature,
+            *above,
             *volume,
             Stage("body force", "gravity and the tank's motion, balanced in the pressure equation", predict),
             *viscosity,
@@ -568,6 +578,7 @@ def solve_pressure(sim):
         w.rhs,
         *sharp(sim, sim.fluid, sim.liquids.volume, sim.liquids.share, sim.liquids.tension, w.bend),
         w.mass_density,
+        w.above,
     )
     if sim.check_floating():
         held = w.surface[: p.rows]
@@ -631,6 +642,7 @@ def pressure_gradient(sim):
             p.liquid,
             p.acceleration,
             *sharp(sim, sim.fluid, sim.liquids.volume, sim.liquids.tension, w.bend),
+            w.above,
         )
     else:
         extrapolate_to_dummies(sim)

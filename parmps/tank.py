@@ -260,13 +260,16 @@ def _round_interfaces(job, geometry):
     """Even out the particles around discs and balls with surface tension, or None where there are none.
 
     The lattice makes staircases of them, which have a curvature of their own: a drop of 20 spacings oscillates 14 %
-    too slowly. Near walls, and where the liquid around does not reach far enough, the lattice is kept.
+    too slowly. Near walls, and where the liquid around does not reach far enough, the lattice is kept. What is around
+    may be nothing: then it is the empty sites that hold the particles in place.
     """
-    tense = [frozenset(interface.between) for interface in job.interfaces if interface.surface_tension > 0.0]
+    names = [fluid.name for fluid in job.fluids]
+    tense = [{*map(names.index, pair.between)} for pair in job.interfaces if pair.surface_tension > 0.0]
+    tense += [{number, -1} for number, fluid in enumerate(job.fluids) if fluid.surface_tension > 0.0]
     spheres = {
         number: fluid.region.disc or fluid.region.ball
         for number, fluid in enumerate(job.fluids)
-        if fluid.region is not None and not fluid.region.box and any(fluid.name in pair for pair in tense)
+        if fluid.region is not None and not fluid.region.box and any(number in pair for pair in tense)
     }
     if not spheres:
         return None
@@ -289,8 +292,8 @@ def _round_interfaces(job, geometry):
     for number, sphere in spheres.items():
         below = depth(position, sphere)
         near = np.flatnonzero(np.abs(below) < (BAND + REACH) * l0)
-        around = {frozenset((job.fluids[number].name, job.fluids[k].name)) for k in set(fluid[near]) - {number}}
-        if (fluid[near] < 0).any() or gap[near].min(initial=np.inf) < REACH * l0 or not around <= set(tense):
+        others = set(fluid[near]) - {number}
+        if gap[near].min(initial=np.inf) < REACH * l0 or any({number, other} not in tense for other in others):
             continue
         # those nearest to the centre, as many as the content asks for
         count = round(_ball(geometry, sphere.radius) / l0**geometry.dimension) - within[number]

@@ -59,6 +59,8 @@ def layers_of(job):
         if b == a + 1:
             tension[a] = interface.surface_tension
     full = job.tank.lid and depth.sum() > job.tank.height - 0.5 * job.spacing
+    if not full:
+        tension[-1] = job.fluids[-1].surface_tension
     density = np.array([fluid.density for fluid in job.fluids])
     return Layers(depth, density, job.gravity, tension, full)
 

@@ -237,6 +237,22 @@ def cases():
         Case("blocks collide at 50 m/s", STILL, (*from_file("blocks"), "time.end=0.02"), both),
         Case("random positions", STILL, from_file("random"), settled=0.05),
         Case("coincident particles", STILL, from_file("coincident")),
+        *[
+            Case(f"tension of the surface {sigma:g}", TANK, (f"fluids[0].surface_tension={sigma}",), both)
+            for sigma in (0.07, 1, 100)
+        ],
+        Case("tension of the surface above the range: 200", TANK, ("fluids[0].surface_tension=200",)),
+        Case("tension of the surface 100, a square drop without gravity", STILL, (
+            "gravity=0", "fluids=[{name: water, region: {box: [[0.1, 0.05], [0.3, 0.25]]}, surface_tension: 100}]",
+            "time.end=0.1",
+        ), both),
+        Case("tension of the surface 1, column that collapses", STILL, (
+            "fluids=[{name: water, region: {box: [[0, 0], [0.1, 0.2]]}, surface_tension: 1}]", "time.end=0.6",
+        )),
+        Case("tension of the surface 0.07, roll of 90 degrees", TANK, (
+            "spacing=0.005", "motion=[{kind: roll, amplitude_deg: 90, omega: 6.0}]", "fluids[0].surface_tension=0.07",
+        )),
+        Case("tension of the surface 100, 3D pitch", BOX, ("fluids[0].surface_tension=100",), both),
         Case("particle outside the tank", STILL, from_file("outside")),
         Case("single particles in flight", STILL, from_file("flying"), both),
         *each(
@@ -393,15 +409,20 @@ def judge(sim, settled):
 
 
 def surface_energy(sim):
-    """Energy of the interfaces, J (J/m in 2D): the tension times their area, the integral of the colour's slope.
+    """Energy of the interfaces and of the free surface, J (J/m in 2D): the tension times their area.
 
-    The papers' scheme has no such slope, and counts as without.
+    That of interfaces is the integral of the colour's slope, which the papers' scheme has not; that of the surface the
+    mean moment of what its particles miss times their number: a row that has lost particles to the next has as much.
     """
-    if sim.work.curved is None:
-        return 0.0
-    slope = np.linalg.norm(sim.work.near_interface.normal[: sim.particles.liquid], axis=1)
-    area = sim.domain.sum(float(slope.sum())) * sim.l0 ** (sim.dimension - 1)
-    return float(sim.liquids.tension.max()) * area
+    w, own, cell = sim.work, slice(0, sim.particles.liquid), sim.l0 ** (sim.dimension - 1)
+    energy = 0.0
+    if w.curved is not None:
+        slope = np.linalg.norm(w.near_interface.normal[own], axis=1)
+        energy += float(sim.liquids.tension.max()) * cell * sim.domain.sum(float(slope.sum()))
+    if sim.liquids.surface_tension is not None:
+        missing = np.linalg.norm(w.lean, axis=1) / sim.surface_lean * (w.surface[own] != 0)
+        energy += float(sim.liquids.surface_tension.max()) * cell * sim.domain.sum(float(missing.sum()))
+    return energy
 
 
 def volume(sim):
@@ -448,7 +469,8 @@ def supplied_speed(sim):
     start = float(np.linalg.norm(p.velocity[: p.liquid], axis=1).max(initial=0.0))
     force = max(np.linalg.norm(f.force) + reach * np.linalg.norm(f.alpha) for f in frames)
     turn = max(np.linalg.norm(f.omega) for f in frames)
-    tension = 0.0 if sim.liquids.tension is None else float(sim.liquids.tension.max())
+    tables = (sim.liquids.tension, sim.liquids.surface_tension)
+    tension = max(0.0 if table is None else float(table.max()) for table in tables)
     film = math.sqrt(2.0 * tension / (float(sim.liquids.density.min()) * sim.l0))
     return sim.domain.max(start) + math.sqrt(2.0 * force * reach) + turn * reach + film
 

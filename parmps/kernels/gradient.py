@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from parmps.kernels.compiled import compiled
-from parmps.kernels.interface import pressure_jump
+from parmps.kernels.interface import held_pressure, pressure_jump
 
 
 @compiled
@@ -28,12 +28,13 @@ def corrected_gradient(
     volume=None,
     tension=None,
     bend=None,
+    above=None,
 ):
     """Gradient from P_j - P_i with the inverse moment matrix, exact for linear fields (Duan 2018).
 
-    In the surface, zero pressure on the surface above the particle takes part with the missing neighbours'
-    weight, as in the pressure equation; its moment must be in ``inverse``. Suction in surface particles,
-    which only noise makes, does not act.
+    In the surface, zero pressure, or that of surface tension, on the surface above the particle takes part with the
+    missing neighbours' weight, as in the pressure equation; its moment must be in ``inverse``. Suction in surface
+    particles, which only noise makes, does not act.
 
     Parameters
     ----------
@@ -55,17 +56,17 @@ def corrected_gradient(
     dimension, rows : int
     out : (n, 3) float64, Pa/m
         Filled for the rows.
-    fluid, volume, tension, bend
+    fluid, volume, tension, bend, above
         As in `poisson_rows`: with several liquids it is grad P / rho, times the reference density.
     """
     scale = dimension / n0
     for i in range(rows):
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
         gx = gy = gz = 0.0
-        here = pressure[i] if surface[i] == 0 else max(pressure[i], 0.0)
+        here = held_pressure(i, pressure, surface, above)
         for k in range(first[i], last[i]):
             j = other[k]
-            there = pressure[j] if surface[j] == 0 else max(pressure[j], 0.0)
+            there = held_pressure(j, pressure, surface, above)
             s = strength[k]
             if fluid is None:
                 s *= there - here
@@ -79,6 +80,8 @@ def corrected_gradient(
                 gy += s * (position[j, 1] - y)
         if surface[i] != 0:
             s = here / surface_distance
+            if above is not None:
+                s = (here - above[i]) / surface_distance
             if fluid is not None:
                 s *= volume[fluid[i], fluid[i]]
             gx -= s * lean[i, 0]

@@ -29,6 +29,29 @@ def pressure_jump(tension, own_bend, its_bend):
 
 
 @njit(inline="always")
+def held_pressure(i, pressure, surface, above):
+    """Pressure of a particle; in the surface without suction below that of the surface itself, which only noise makes.
+
+    Parameters
+    ----------
+    i : int
+    pressure : (n,) float64, Pa
+    surface : (n,) int8
+    above : None or (n,) float64, Pa
+        As in `poisson_rows`.
+
+    Returns
+    -------
+    float
+    """
+    if surface[i] == 0:
+        return pressure[i]
+    if above is None:
+        return max(pressure[i], 0.0)
+    return max(pressure[i], min(above[i], 0.0))
+
+
+@njit(inline="always")
 def _length(x, y, z):
     return math.sqrt(x * x + y * y + z * z)
 
@@ -565,6 +588,7 @@ def pressure_gradient(
     tension=None,
     bend=None,
     normal=None,
+    above=None,
 ):
     """Sums for grad P / rho at an interface, where its tangential part jumps with the density.
 
@@ -596,13 +620,15 @@ def pressure_gradient(
         As in `poisson_rows`.
     normal : None or (n, 3) float64
         As made by `normals`; None for a single liquid.
+    above
+        As in `poisson_rows`.
     """
     scale = dimension / n0
     for a in range(near.shape[0]):
         i = near[a]
         xx = xy = xz = yy = yz = zz = gx = gy = gz = mx = my = mz = mean = 0.0
         total = 1e-300
-        here = pressure[i] if surface[i] == 0 else max(pressure[i], 0.0)
+        here = held_pressure(i, pressure, surface, above)
         own = b = 1.0
         if fluid is not None:
             own = volume[fluid[i], fluid[i]]
@@ -611,7 +637,7 @@ def pressure_gradient(
             dx = (position[j, 0] - position[i, 0]) / l0
             dy = (position[j, 1] - position[i, 1]) / l0
             dz = (position[j, 2] - position[i, 2]) / l0
-            there = pressure[j] if surface[j] == 0 else max(pressure[j], 0.0)
+            there = held_pressure(j, pressure, surface, above)
             if tension is not None:
                 there -= pressure_jump(tension[fluid[i], fluid[j]], bend[i], bend[j])
             if fluid is not None:
@@ -645,7 +671,10 @@ def pressure_gradient(
             qx, qy, qz = lean[i, 0], lean[i, 1], lean[i, 2]
             size = math.sqrt(qx * qx + qy * qy + qz * qz) + 1e-300
             s = scale / size
-            q = -own * here * size / (density * surface_distance)
+            drop = here
+            if above is not None:
+                drop -= above[i]
+            q = -own * drop * size / (density * surface_distance)
             q -= force[i, 0] * qx + force[i, 1] * qy + force[i, 2] * qz
             total += s
             mean += s * q

@@ -45,6 +45,7 @@ def poisson_rows(
     tension=None,
     bend=None,
     mass_density=None,
+    above=None,
 ):
     """Assemble sum_j c W_ij [P_i - P_j + rho f_ij . (r_j - r_i)] = -rho s_i, with c = 2D/(n0 lambda l0^2).
 
@@ -60,7 +61,8 @@ def poisson_rows(
 
     In the surface, ``ghost`` closes the support with particles of zero pressure on the free surface
     above the particle (after Shibata 2015): their weight is that of the missing first moment, so that pressure-free
-    liquid stays free of pressure and liquid at rest has its pressure exactly. Without it the particle's
+    liquid stays free of pressure and liquid at rest has its pressure exactly. With surface tension they have the
+    pressure of the surface instead, so that one of constant curvature drives no current. Without them the particle's
     pressure is zero (Dirichlet), eliminated symmetrically.
 
     Parameters
@@ -112,6 +114,8 @@ def poisson_rows(
     mass_density : None or (n,) float64, kg/m3
         Density of each particle, instead of ``fluid`` and the tables: a link's specific volume is 2 / (rho_i + rho_j)
         of these, and no body force may be balanced on it.
+    above : None or (n,) float64, Pa
+        Pressure on the free surface above its particles; None for zero.
     """
     scale = 2.0 * dimension / (n0 * lam * l0 * l0)
     rows = rhs.shape[0]
@@ -183,7 +187,10 @@ def poisson_rows(
                 mx -= w * dx
                 my -= w * dy
                 mz -= w * dz
-            diagonal += own * max(math.sqrt(mx * mx + my * my + mz * mz) / surface_distance, n0 - total)
+            w = own * max(math.sqrt(mx * mx + my * my + mz * mz) / surface_distance, n0 - total)
+            diagonal += w
+            if above is not None:
+                jumps -= w * above[i]
             flux += hx * mx + hy * my + hz * mz
         if kind[i] != 0:
             # Weak links come and go with every step; with the diagonal following them down to nothing, the

@@ -364,3 +364,11 @@ def test_layers_do_not_depend_on_the_number_of_ranks(comm):
     assert np.abs(many["position"] - one["position"]).max() < 1e-8 * one["l0"]
     assert np.abs(many["pressure"] - one["pressure"]).max() < 1e-6 * 2000.0
     assert many["energy"] == pytest.approx(one["energy"], rel=1e-7)
+
+
+def test_surface_tension_does_not_depend_on_the_number_of_ranks(comm):
+    """A surface that stands on walls and runs from rank to rank."""
+    fluid = "fluids=[{name: water, depth: 0.12, kinematic_viscosity: 1.0e-4, surface_tension: 10}]"
+    one, many = alone(20, fluid), march(comm, 20, True, fluid)
+    assert np.abs(many["position"] - one["position"]).max() < 1e-8 * one["l0"]
+    assert np.abs(many["pressure"] - one["pressure"]).max() < 1e-6 * 2000.0

@@ -12,31 +12,51 @@ BALL = [
     " {name: bath, depth: 1.0, kinematic_viscosity: 0.001}]",
     "time.end=4",
 ]
-VARIANTS = {"2D": [], "2D, density 1000 : 1": ["fluids[1].density=1"], "3D, 6 spacings": BALL}
+FREE = "kinematic_viscosity: 0.001, surface_tension: 1.0}]"
+VARIANTS = {
+    "2D": [],
+    "2D, density 1000 : 1": ["fluids[1].density=1"],
+    "3D, 6 spacings": BALL,
+    "2D, free surface": [
+        "interfaces=[]", f"fluids=[{{name: drop, region: {{disc: {{centre: [0.5, 0.5], radius: 0.25}}}}, {FREE}",
+    ],
+    "3D, free surface, 6 spacings": [
+        *BALL[:2], "tank={size: [1.4, 1.4, 1.4]}", "interfaces=[]", "time.end=4",
+        f"fluids=[{{name: drop, region: {{ball: {{centre: [0.7, 0.7, 0.7], radius: 0.3}}}}, {FREE}",
+    ],
+}  # fmt: skip
 TARGETS = {"jump [%]": 2.0, "capillary number [1e-3]": 1.0}
 
 
 def radius(results):
     """Of the disc or ball with the volume of the drop's particles, m."""
     job, number = results.job, results.liquid(0.0)["fluid"]
-    volume = np.prod(job.tank.size) * np.mean(number == 0)
+    share = np.mean(number == 0) if job.interfaces else len(number) * job.spacing**job.dimension
+    volume = share * (np.prod(job.tank.size) if job.interfaces else 1.0)
     return np.sqrt(volume / np.pi) if job.dimension == 2 else (0.75 * volume / np.pi) ** (1.0 / 3.0)
 
 
+def tension(job):
+    """Of the interface or the free surface, N/m."""
+    return job.interfaces[0].surface_tension if job.interfaces else job.fluids[0].surface_tension
+
+
 def jump(results, time):
-    """Pressure in the drop less that in the bath, over Laplace's."""
+    """Pressure in the drop less that in the bath, or that of empty space, over Laplace's."""
     job, liquid, r0 = results.job, results.liquid(time), radius(results)
     centre = liquid["position"][liquid["fluid"] == 0].mean(axis=0)
     r = np.linalg.norm(liquid["position"] - centre, axis=1)
-    found = liquid["pressure"][r < 0.7 * r0].mean() - liquid["pressure"][r > 1.3 * r0].mean()
-    return found / ((job.dimension - 1) * job.interfaces[0].surface_tension / r0)
+    found = liquid["pressure"][r < 0.7 * r0].mean()
+    if job.interfaces:
+        found -= liquid["pressure"][r > 1.3 * r0].mean()
+    return found / ((job.dimension - 1) * tension(job) / r0)
 
 
 def capillary(results, time):
     """Greatest speed times viscosity over surface tension."""
     job, speed = results.job, np.linalg.norm(results.liquid(time)["velocity"], axis=1).max()
     viscosity = max(fluid.density * fluid.kinematic_viscosity for fluid in job.fluids)
-    return viscosity * speed / job.interfaces[0].surface_tension
+    return viscosity * speed / tension(job)
 
 
 def measure(results):

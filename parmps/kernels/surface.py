@@ -1,0 +1,137 @@
+"""Curvature of the free surface, from the particles in it alone."""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from parmps.kernels.compiled import compiled
+from parmps.kernels.density import invert
+
+FLOOR = 0.2
+"""Least eigenvalue of the moment matrices; 1 along an even surface."""
+
+
+@njit(inline="always")
+def _mirrored(x, y, z, image, walls):
+    """Vector of a particle as its image has it: image bits and walls' normals as made by `interface.image_links`."""
+    for wall in range(3):
+        if image & (1 << wall):
+            n = walls[wall]
+            across = 2.0 * (x * n[0] + y * n[1] + z * n[2])
+            x, y, z = x - across * n[0], y - across * n[1], z - across * n[2]
+    return x, y, z
+
+
+@compiled
+def fit_normals(guess, asymmetry, surface, near, begin, index, offset, image, mirror, strength, dimension, out):
+    """Normals of the lines, or planes, through the particles of the surface: least squares of their heights.
+
+    However dense the particles stand along the surface: normals of a smoothed density would lean towards where they
+    are few, and what stretches the surface would stretch it further.
+
+    Parameters
+    ----------
+    guess : (rows, 3) float64
+        Unit normals that the heights are taken along, 0 for none.
+    asymmetry : (n, 3) float64
+        As in `moments`; particles that look the other way belong to another surface.
+    surface : (n,) int8
+    near : (m,) int32
+        Particles in the surface.
+    begin, index, offset, image, mirror
+        As made by `interface.image_links`.
+    strength : (links,) float64, 1/m2
+        As made by `interface.link_weights`.
+    dimension : int
+    out : (n, 3) float64
+        Filled for those particles: unit normals out of the liquid.
+    """
+    matrix, inverse = np.empty((1, 6)), np.empty((1, 6))
+    for a in range(near.shape[0]):
+        i = near[a]
+        nx, ny, nz = guess[i, 0], guess[i, 1], guess[i, 2]
+        total = 1.0
+        mx = my = mz = mh = gx = gy = gz = 0.0
+        xx = xy = xz = yy = yz = zz = 0.0
+        for k in range(begin[a], begin[a + 1]):
+            j = index[k]
+            if surface[j] == 0:
+                continue
+            ax, ay, az = _mirrored(asymmetry[j, 0], asymmetry[j, 1], asymmetry[j, 2], image[k], mirror[a])
+            if ax * nx + ay * ny + az * nz <= 0.0:
+                continue
+            dx, dy, dz = offset[k, 0], offset[k, 1], offset[k, 2]
+            s = strength[k] * (dx * dx + dy * dy + dz * dz)
+            h = dx * nx + dy * ny + dz * nz
+            dx, dy, dz = dx - h * nx, dy - h * ny, dz - h * nz
+            total += s
+            mh += s * h
+            mx += s * dx
+            my += s * dy
+            mz += s * dz
+            gx += s * h * dx
+            gy += s * h * dy
+            gz += s * h * dz
+            xx += s * dx * dx
+            xy += s * dx * dy
+            xz += s * dx * dz
+            yy += s * dy * dy
+            yz += s * dy * dz
+            zz += s * dz * dz
+        size = xx + yy + zz
+        out[i] = guess[i]
+        if size == 0.0:
+            continue
+        scale, f = (dimension - 1) / size, 1.0 / total
+        gx, gy, gz = gx - f * mh * mx, gy - f * mh * my, gz - f * mh * mz
+        gx, gy, gz = scale * gx, scale * gy, scale * gz
+        matrix[0, 0], matrix[0, 1], matrix[0, 2] = xx - f * mx * mx, xy - f * mx * my, xz - f * mx * mz
+        matrix[0, 3], matrix[0, 4], matrix[0, 5] = yy - f * my * my, yz - f * my * mz, zz - f * mz * mz
+        matrix *= scale
+        invert(matrix, FLOOR, dimension, inverse)
+        m = inverse[0]
+        nx -= m[0] * gx + m[1] * gy + m[2] * gz
+        ny -= m[1] * gx + m[3] * gy + m[4] * gz
+        nz -= m[2] * gx + m[4] * gy + m[5] * gz
+        size = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
+        out[i, 0], out[i, 1], out[i, 2] = size * nx, size * ny, size * nz
+
+
+@compiled
+def curvature(normal, near, begin, index, offset, image, mirror, strength, distance, dimension, out):
+    """Curvature of the surface, the divergence of its normals; positive where the liquid is convex.
+
+    From the differences of normals and of places on the surface, which are above the particles by ``distance``: on a
+    circle or a sphere the two are parallel, and their ratio is the curvature exactly.
+
+    Parameters
+    ----------
+    normal : (n, 3) float64
+        Unit normals of particles in the surface; 0 elsewhere.
+    near, begin, index, offset, image, mirror, strength
+        As in `fit_normals`.
+    distance : float
+        From surface particles to the free surface, m.
+    dimension : int
+    out : (m,) float64, 1/m
+        Filled.
+    """
+    for a in range(near.shape[0]):
+        i = near[a]
+        ox, oy, oz = normal[i, 0], normal[i, 1], normal[i, 2]
+        change = total = 0.0
+        for k in range(begin[a], begin[a + 1]):
+            j = index[k]
+            x, y, z = _mirrored(normal[j, 0], normal[j, 1], normal[j, 2], image[k], mirror[a])
+            if x * ox + y * oy + z * oz <= 0.0:
+                continue
+            mx, my, mz = x + ox, y + oy, z + oz
+            x, y, z = x - ox, y - oy, z - oz
+            dx, dy, dz = offset[k, 0] + distance * x, offset[k, 1] + distance * y, offset[k, 2] + distance * z
+            up = (dx * mx + dy * my + dz * mz) / (mx * mx + my * my + mz * mz)
+            dx, dy, dz = dx - up * mx, dy - up * my, dz - up * mz
+            s = strength[k]
+            change += s * (x * dx + y * dy + z * dz)
+            total += s * (dx * dx + dy * dy + dz * dz)
+        out[a] = (dimension - 1) * change / total if total > 0.0 else 0.0
