@@ -256,12 +256,13 @@ class PressureSolver(_Solver):
         The finest level stays that of each step's matrix: what no longer fits the particles is smooth.
         """
         blocks.sort()
-        self._ksp.reset()  # frees the old hierarchy first
+        fresh = PETSc.PC().create(self._comm)
+        fresh.setOptionsPrefix(self._prefix)
+        fresh.setFromOptions()
+        self._ksp.setPC(fresh)  # frees the old one first
         self._ksp.setOperators(self._matrix)
-        preconditioner = self._ksp.getPC()
-        preconditioner.setReusePreconditioner(False)
         self._ksp.setUp()
-        preconditioner.setReusePreconditioner(True)
+        fresh.setReusePreconditioner(True)
         self._fresh, self._excess = None, 0
         self.rebuilds += 1
 
