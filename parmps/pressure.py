@@ -102,11 +102,11 @@ class _Solver:
         self._frame.halo_values[:] = 0.0
         _make(self._matrix, self._x.getSizes(), self._frame)
 
-    def _run(self, model, rhs, guess):
-        """Solve with the matrix, and the one that the preconditioner is made of; whether it converged."""
+    def _run(self, rhs, guess):
+        """Solve with the matrix; whether it converged."""
         self._x.array[:] = guess
         self._b.array[:] = rhs
-        self._ksp.setOperators(self._matrix, model)
+        self._ksp.setOperators(self._matrix)
         self._ksp.solve(self._b, self._x)
         self.iterations = self._ksp.getIterationNumber()
         return self._ksp.getConvergedReason() > 0
@@ -157,7 +157,7 @@ class VelocitySolver(_Solver):
         """
         _fill(self._matrix, blocks, len(self._beyond))
         for axis in axes:
-            if not self._run(self._matrix, density * velocity[:, axis], velocity[:, axis]):
+            if not self._run(density * velocity[:, axis], velocity[:, axis]):
                 self._fail("viscosity")
             velocity[:, axis] = self._x.array
 
@@ -184,7 +184,7 @@ class PressureSolver(_Solver):
     def __init__(self, comm, tolerance, excess):
         super().__init__(comm, "ppe_", PRESSURE_OPTIONS, tolerance)
         self._most_excess = excess
-        self._guess = self._change = self._model = None
+        self._guess = self._change = None
         self.rebuilds = 0
         self._fresh = None
         self._excess = 0
@@ -238,11 +238,11 @@ class PressureSolver(_Solver):
         self._guess.array[:] = guess
         if self._fresh is None or self._excess >= self._most_excess:
             self._renew(blocks)
-        converged = self._run(self._model, rhs, guess)
+        converged = self._run(rhs, guess)
         if not converged and self._fresh is not None:
             # The hierarchy may have aged too fast to notice: try once more with a new one.
             self._renew(blocks)
-            converged = self._run(self._model, rhs, guess)
+            converged = self._run(rhs, guess)
         if not converged:
             self._fail("pressure")
         if self._fresh is None:
@@ -251,25 +251,18 @@ class PressureSolver(_Solver):
         return self._x.array.copy()
 
     def _renew(self, blocks):
-        """Set the hierarchy up from a copy of the present matrix, which lives as long as the hierarchy.
+        """Set the hierarchy up from the present matrix.
 
-        The finest level is of each step's matrix: what no longer fits the particles is smooth.
+        The finest level stays that of each step's matrix: what no longer fits the particles is smooth.
         """
-        old, self._model_blocks = self._model, blocks.sorted()
-        self._model_blocks.halo_columns[:] = self._beyond[self._model_blocks.halo_columns]
-        self._model = PETSc.Mat().create(self._comm)
-        _make(self._model, self._x.getSizes(), self._model_blocks)
-        for _ in range(self.rebuilds + 1):
-            self._model.stateIncrease()  # else PETSc takes the copy, as young as the last one, for the last one
-        self._ksp.setOperators(self._model, self._model)
+        blocks.sort()
+        fresh = PETSc.PC().create(self._comm)
+        fresh.setOptionsPrefix(self._prefix)
+        fresh.setFromOptions()
+        self._ksp.setPC(fresh)  # frees the old one first
+        self._ksp.setOperators(self._matrix)
         self._ksp.setUp()
-        pc = self._ksp.getPC()
-        finest = pc.getMGLevels() - 1 if pc.getType() == "gamg" else 0
-        if finest > 0:
-            pc.getMGSmoother(finest).setOperators(self._matrix, self._matrix)
-            _check(_LIBRARY.PCMGSetResidual(_pointer(pc.handle), finest, None, _pointer(self._matrix.handle)))
-        if old is not None:
-            old.destroy()
+        fresh.setReusePreconditioner(True)
         self._fresh, self._excess = None, 0
         self.rebuilds += 1
 
@@ -291,12 +284,12 @@ class PressureSolver(_Solver):
         return (PETSc.Log.getTime() - start) / repeats
 
     def close(self):
-        """As of every solver; with the copy of the matrix."""
+        """As of every solver."""
         super().close()
-        for thing in (self._guess, self._change, self._model):
+        for thing in (self._guess, self._change):
             if thing is not None:
                 thing.destroy()
-        self._guess = self._change = self._model = None
+        self._guess = self._change = None
 
 
 _REASONS = {
@@ -341,19 +334,10 @@ class Blocks:
         self.halo_columns, self.halo_values = np.empty(beyond, index), np.empty(beyond)
         self.at_diagonal = np.zeros(rows, index)
 
-    def sorted(self):
-        """Copy the matrix, with the columns of each row ascending, as the set-up of multigrid needs them.
-
-        Returns
-        -------
-        Blocks
-        """
-        copy = Blocks(len(self.at_diagonal), self.first[-1], self.halo_first[-1])
-        for array, original in zip(copy.arrays, self.arrays, strict=True):
-            array[:] = original[: len(array)]
-        sort_rows(copy.first, copy.columns, copy.values)
-        sort_rows(copy.halo_first, copy.halo_columns, copy.halo_values)
-        return copy
+    def sort(self):
+        """Make the columns of each row ascending, as the set-up of multigrid needs them; forgets `at_diagonal`."""
+        sort_rows(self.first, self.columns, self.values)
+        sort_rows(self.halo_first, self.halo_columns, self.halo_values)
 
     @property
     def arrays(self):

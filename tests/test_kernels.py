@@ -4,12 +4,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from numba import njit
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from parmps.kernels import density, gradient, poisson, shifting, velocity, viscosity
 from parmps.kernels.graph import join, number_parts
+from parmps.kernels.lanes import LANES, append_near, append_nearest
 from parmps.kernels.walls import Walls
 from parmps.kernels.weight import lattice, smooth_weight, weight
 from parmps.liquids import harmonic
@@ -135,6 +137,28 @@ def test_neighbours_without_baffles(dimension, noise, wall_pairs):
         assert np.all(kind[other[last[i] : first[i + 1]]] == DUMMY)
         r = c.r[i, other[first[i] : first[i + 1]]]
         np.testing.assert_allclose(strength[first[i] : first[i + 1]], kernel(r) / (r * c.l0) ** 2, rtol=1e-10)
+
+
+def test_candidates_taken_together_are_those_taken_one_by_one():
+    candidates = np.random.default_rng(3).random((3, 40))
+    order = np.arange(40, dtype=np.uint32)[::-1].copy()
+    here, reach2 = candidates[:, 11], 0.3
+    for begin, end in ((0, 32), (5, 8), (9, 30)):
+        found = []
+        for append, lanes in ((_append_near, LANES), (append_nearest.py_func, 1)):
+            other, square, count = np.empty(64, np.uint32), np.empty(64), np.uint64(0)
+            for k in range(begin, end, lanes):
+                where = np.uint64(k), np.uint64(end), *here, reach2
+                count = np.uint64(append(*candidates, order, *where, other, square, count))
+            found.append((other[:count], square[:count]))
+        assert len(found[0][0]) > 0
+        assert np.array_equal(found[0][0], found[1][0])
+        assert found[0][1] == pytest.approx(found[1][1], rel=1e-14)
+
+
+@njit
+def _append_near(xs, ys, zs, order, k, end, x, y, z, reach2, other, square, count):
+    return append_near(xs, ys, zs, order, k, end, x, y, z, reach2, other, square, count)
 
 
 @pytest.mark.parametrize("dimension", [2, 3])

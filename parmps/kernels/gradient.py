@@ -219,35 +219,41 @@ def residual_damping(
         most = max(most, last[i] - first[i])
     ahead = np.empty(most, np.uint32)  # pairs of a particle with those that follow it: each is evaluated once
     out[:rows] = 0.0
+    base, slope, greatest = base / n0, slope / n0, 0.3 / n0
     for i in range(rows):
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
         u, v, w = velocity[i, 0], velocity[i, 1], velocity[i, 2]
         ax = ay = az = 0.0
-        g, h = gradient[i], gradient
+        g0, g1, g2 = gradient[i, 0], gradient[i, 1], gradient[i, 2]
+        g3, g4, g5 = gradient[i, 3], gradient[i, 4], gradient[i, 5]
+        g6, g7, g8 = gradient[i, 6], gradient[i, 7], gradient[i, 8]
+        h = gradient
         count = np.uint64(0)
         for k in range(first[i], last[i]):  # without branches, which could not be predicted
             ahead[count] = k
-            count += np.uint64((other[k] > i) & (kind[other[k]] == 0))
+            count += np.uint64(other[k] > i)
         for m in range(count):
             k = ahead[m]
             j = other[k]
+            if kind[j] != 0:
+                continue
             dx, dy, dz = position[j, 0] - x, position[j, 1] - y, position[j, 2] - z
             s = strength[k] * (dx * dx + dy * dy + dz * dz)
             dx, dy, dz = 0.5 * dx, 0.5 * dy, 0.5 * dz
-            rx = velocity[j, 0] - u - (g[0] + h[j, 0]) * dx - (g[2] + h[j, 2]) * dz
-            rz = velocity[j, 2] - w - (g[6] + h[j, 6]) * dx - (g[8] + h[j, 8]) * dz
+            rx = velocity[j, 0] - u - (g0 + h[j, 0]) * dx - (g2 + h[j, 2]) * dz
+            rz = velocity[j, 2] - w - (g6 + h[j, 6]) * dx - (g8 + h[j, 8]) * dz
             ry = 0.0
             if dimension == 3:
-                rx -= (g[1] + h[j, 1]) * dy
-                rz -= (g[7] + h[j, 7]) * dy
-                ry = velocity[j, 1] - v - (g[3] + h[j, 3]) * dx - (g[4] + h[j, 4]) * dy - (g[5] + h[j, 5]) * dz
+                rx -= (g1 + h[j, 1]) * dy
+                rz -= (g7 + h[j, 7]) * dy
+                ry = velocity[j, 1] - v - (g3 + h[j, 3]) * dx - (g4 + h[j, 4]) * dy - (g5 + h[j, 5]) * dz
             # tangentially, liquids may slip
             if sheet is not None and slips[i] * slips[j] != 0 and sheet[fluid[i], fluid[j]]:
                 nx, ny, nz = normal[i, 0] - normal[j, 0], normal[i, 1] - normal[j, 1], normal[i, 2] - normal[j, 2]
                 along = (rx * nx + ry * ny + rz * nz) / (nx * nx + ny * ny + nz * nz + 1e-300)
                 rx, ry, rz = along * nx, along * ny, along * nz
-            s *= min(base + slope * math.sqrt(rx * rx + ry * ry + rz * rz), 0.3)
-            here = there = s / n0
+            s *= min(base + slope * math.sqrt(rx * rx + ry * ry + rz * rz), greatest)
+            here = there = s
             if fluid is not None and fluid[i] != fluid[j]:
                 here *= 2.0 * share[fluid[j], fluid[i]]
                 there *= 2.0 * share[fluid[i], fluid[j]]

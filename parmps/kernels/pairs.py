@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from parmps.kernels.compiled import compiled
+from parmps.kernels.lanes import LANES, append_near
 from parmps.kernels.walls import beside_solid, crosses_solid
 from parmps.kernels.weight import weight
 
@@ -30,9 +31,9 @@ def sort_into_cells(position, kind, lower, size, shape):
     -------
     start : (3 cells + 1,) uint32
         Where each cell begins in ``order``: first those of the fluid, then of the walls, then of the dummies.
-    order : (n,) uint32
-        Particle indices, cell by cell, ascending within a cell.
-    at : (3, n) float64, m
+    order : (n + LANES,) uint32
+        Particle indices, cell by cell, ascending within a cell; room at the end.
+    at : (3, n + LANES) float64, m
         Positions in that order.
     """
     n = position.shape[0]
@@ -51,7 +52,7 @@ def sort_into_cells(position, kind, lower, size, shape):
     for c in range(1, start.shape[0]):
         start[c] += start[c - 1]
     place = start[:-1].copy()
-    order, at = np.empty(n, np.uint32), np.empty((3, n))
+    order, at = np.empty(n + LANES, np.uint32), np.empty((3, n + LANES))
     for i in range(n):
         k = place[cell[i]]
         place[cell[i]] += 1
@@ -186,13 +187,12 @@ def find_pairs(
                 for b in range(max(cy - 1, 0), min(cy + 2, shape[1])):
                     line = ((group * shape[0] + a) * shape[1] + b) * shape[2]
                     k0, k1 = start[line + low], start[line + high]
-                    if count + k1 - k0 > capacity:
+                    if count + k1 - k0 + LANES > capacity:
                         return -1
-                    for k in range(k0, k1):  # without branches, which could not be predicted
-                        dx, dy, dz = sx[k] - x, sy[k] - y, sz[k] - z
-                        r2 = dx * dx + dy * dy + dz * dz
-                        other[count], square[count] = order[k], r2
-                        count += np.uint64((r2 < reach2) & (r2 > 0.0))
+                    for k in range(k0, k1, LANES):
+                        count = append_near(
+                            sx, sy, sz, order, np.uint64(k), np.uint64(k1), x, y, z, reach2, other, square, count
+                        )
             if liquid and group == 0:
                 if beside_solid(x, y, z, reach, solids):
                     count = _keep_unhidden(i, position, solids, here, count, other, square)

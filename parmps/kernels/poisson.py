@@ -2,6 +2,8 @@
 
 import math
 
+import numpy as np
+
 from parmps.kernels.compiled import compiled
 from parmps.kernels.interface import pressure_jump
 
@@ -119,19 +121,19 @@ def poisson_rows(
     """
     scale = 2.0 * dimension / (n0 * lam * l0 * l0)
     rows = rhs.shape[0]
-    count = beyond = 0
+    count = beyond = np.uint64(0)  # unsigned, as all indices here: a negative one would count from the end, at a cost
     row_first[0] = halo_first[0] = 0
     for i in range(rows):
         if kind[i] == 3 or (surface[i] != 0 and not ghost):
             columns[count], values[count] = i, scale * n0
             at_diagonal[i] = count
-            count += 1
+            count += np.uint64(1)
             rhs[i] = 0.0
             row_first[i + 1], halo_first[i + 1] = count, beyond
             continue
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
         at_diagonal[i] = count
-        count += 1
+        count += np.uint64(1)
         diagonal = flux = jumps = held = 0.0
         own = 1.0
         mine = its = 0
@@ -169,14 +171,14 @@ def poisson_rows(
             if mass_density is not None:
                 w *= 2.0 * density / (mass_density[i] + mass_density[j])
             diagonal += w
-            if surface[j] != 0 and not ghost:
+            if not ghost and surface[j] != 0:
                 continue
             if j < rows:
                 columns[count], values[count] = j, -scale * w
-                count += 1
+                count += np.uint64(1)
             else:
                 halo_columns[beyond], halo_values[beyond] = column[j], -scale * w
-                beyond += 1
+                beyond += np.uint64(1)
         if surface[i] != 0:
             total = mx = my = mz = 0.0
             for k in range(first[i], first[i + 1]):

@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 from numba import njit
 
 from parmps.kernels.compiled import compiled
@@ -272,11 +273,17 @@ def add_contacts(
         Number of contacts of the rows.
     """
     contacts = 0
+    most = np.uint64(0)
     for i in range(rows):
-        for k in range(first[i], last[i]):
-            if strength[k] <= within:
-                continue
-            j = other[k]
+        most = max(most, last[i] - first[i])
+    near = np.empty(most, np.uint32)  # pairs of a particle with those that follow it: each is evaluated once
+    for i in range(rows):
+        count = np.uint64(0)
+        for k in range(first[i], last[i]):  # without branches, which could not be predicted
+            near[count] = other[k]
+            count += np.uint64((strength[k] > within) & (other[k] > i))
+        for m in range(count):
+            j = near[m]
             if kind[j] != 0:
                 continue
             dx = position[j, 0] - position[i, 0]
@@ -291,8 +298,14 @@ def add_contacts(
             excess = closing + max(square - least * math.sqrt(square), 0.0) / dt
             if excess < 0.0:
                 contacts += 1
-                excess *= (0.5 if fluid is None else share[fluid[j], fluid[i]]) / square
-                out[i, 0] += excess * dx
-                out[i, 1] += excess * dy
-                out[i, 2] += excess * dz
+                here = excess / square * (0.5 if fluid is None else share[fluid[j], fluid[i]])
+                out[i, 0] += here * dx
+                out[i, 1] += here * dy
+                out[i, 2] += here * dz
+                if j < rows:
+                    contacts += 1
+                    there = excess / square * (0.5 if fluid is None else share[fluid[i], fluid[j]])
+                    out[j, 0] -= there * dx
+                    out[j, 1] -= there * dy
+                    out[j, 2] -= there * dz
     return contacts
