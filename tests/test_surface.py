@@ -84,7 +84,7 @@ def test_scene_without_it_has_no_stage(change, reason):
     plan = make_plan(job, 1)
     assert reason in dict(plan.left_out)["surface pressure"]
     assert Liquids(job).surface_tension is None and Liquids(job).capillary_rate == 0.0
-    assert "surface tension" in [stage.name for stage in make_plan(parse_job(TENSE % 1.0), 1).solve]
+    assert "surface pressure" in [stage.name for stage in make_plan(parse_job(TENSE % 1.0), 1).solve]
 
 
 def test_particles_stand_evenly_along_a_free_drop(start):
