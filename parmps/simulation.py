@@ -279,6 +279,7 @@ class Simulation:
         self.frame = self.motion.at(0.0)
         self.contacts = 0
         self.initial_energy = self.kinetic_energy()
+        self.distribute()  # a restart from here would not know the solver's state
 
     # What the stages use
 
