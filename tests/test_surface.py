@@ -98,6 +98,17 @@ def test_particles_stand_evenly_along_a_free_drop(start):
     assert spread[1] < 0.5 * spread[0]
 
 
+def test_a_surface_that_is_squeezed_stays_one(start):
+    square = "fluids=[{name: a, region: {box: [[0.05, 0.05], [0.15, 0.15]]}, surface_tension: 1}]"
+    sim = start(TENSE % 1.0, "gravity=0", square)
+    p, w = ready(sim)
+    whole = w.surface[: p.liquid].copy()
+    p.position[: p.liquid] = 0.1 + (p.position[: p.liquid] - 0.1) * [1.0 / 0.72, 1.0, 0.72] - [0.0, 0.1, 0.0]
+    _, w = ready(sim)
+    assert whole.sum() == 36
+    np.testing.assert_array_equal(w.surface[: p.liquid], whole)
+
+
 def test_papers_scheme_has_none():
     with pytest.raises(InputError, match="surface_tension.*scheme.position: start, scheme.gradient: corrected"):
         parse_job(TENSE % 1.0, ["scheme=papers"])

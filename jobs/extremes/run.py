@@ -23,6 +23,7 @@ import numpy as np
 from parmps.domain import Domain
 from parmps.errors import DivergedError, InputError
 from parmps.kernels.walls import wall_distance
+from parmps.kernels.weight import spline_weight
 from parmps.loader import parse_job
 from parmps.particles import FLUID
 from parmps.simulation import Simulation
@@ -411,18 +412,39 @@ def judge(sim, settled):
 def surface_energy(sim):
     """Energy of the interfaces and of the free surface, J (J/m in 2D): the tension times their area.
 
-    That of interfaces is the integral of the colour's slope, which the papers' scheme has not; that of the surface the
-    mean moment of what its particles miss times their number: a row that has lost particles to the next has as much.
+    That of interfaces is the integral of the colour's slope, which the papers' scheme has not.
     """
-    w, own, cell = sim.work, slice(0, sim.particles.liquid), sim.l0 ** (sim.dimension - 1)
-    energy = 0.0
+    w, energy = sim.work, 0.0
     if w.curved is not None:
-        slope = np.linalg.norm(w.near_interface.normal[own], axis=1)
-        energy += float(sim.liquids.tension.max()) * cell * sim.domain.sum(float(slope.sum()))
-    if sim.liquids.surface_tension is not None:
-        missing = np.linalg.norm(w.lean, axis=1) / sim.surface_lean * (w.surface[own] != 0)
-        energy += float(sim.liquids.surface_tension.max()) * cell * sim.domain.sum(float(missing.sum()))
+        slope = np.linalg.norm(w.near_interface.normal[: sim.particles.liquid], axis=1)
+        area = sim.domain.sum(float(slope.sum())) * sim.l0 ** (sim.dimension - 1)
+        energy += float(sim.liquids.tension.max()) * area
+    if w.above is not None:
+        energy += float(sim.liquids.surface_tension.max()) * surface_area(sim)
     return energy
+
+
+def surface_area(sim):
+    """Area of the free surface, m2 (m in 2D): each of its particles has what its density along the surface leaves.
+
+    As in `kernels.density.row_density`, walls continue the row, and what is above or below does not count.
+    """
+    p, w, (first, other) = sim.particles, sim.work, sim.pairs.lists
+    row = np.flatnonzero(w.surface[: p.liquid])
+    count = (first[row + 1] - first[row]).astype(int)
+    mine = np.repeat(np.arange(len(row)), count)
+    its = other[np.repeat(first[row], count) + np.arange(len(mine)) - np.repeat(np.cumsum(count) - count, count)]
+    known = (p.kind[its] != FLUID) | (w.surface[its] != 0)
+    mine, its = mine[known], its[known]
+    apart = (p.position[its] - p.position[row[mine]]) / sim.l0
+    up = np.abs(np.einsum("ij,ij->i", apart, w.surface_normal[row[mine]]))
+    along = np.sqrt(np.maximum(np.einsum("ij,ij->i", apart, apart) - up**2, 0.0))
+    share = np.clip(np.where(p.kind[its] == FLUID, 2.0 - 2.0 * up, 1.0 - up), 0.0, 1.0)
+    reach = sim.scheme.radius
+    density = spline_weight.py_func(0.0, reach) + np.bincount(
+        mine, share * spline_weight.py_func(along, reach), len(row)
+    )
+    return sim.domain.sum(float((sim.lattice.row_density / density).sum())) * sim.l0 ** (sim.dimension - 1)
 
 
 def volume(sim):

@@ -260,6 +260,46 @@ def mark_surface(density, asymmetry, n0, threshold, surface):
 
 
 @compiled
+def mark_uncovered(position, wet, asymmetry, threshold, first, last, other, rows, surface):
+    """Count particles that none covers among those of the free surface (after Marrone 2010).
+
+    A row that is squeezed along the surface is as dense as the inside, and so far from the next that its asymmetry is
+    small. What covers a particle is a neighbour within 60 degrees of the way out.
+
+    Parameters
+    ----------
+    position : (n, 3) float64, m
+    wet : (n,) float64
+        Dry walls cover none.
+    asymmetry : (rows, 3) float64
+        Tells the way out.
+    threshold : float
+        Least asymmetry that does.
+    first, last, other
+        Neighbour lists.
+    rows : int
+    surface : (n,) int8
+        Set to 1 for those.
+    """
+    for i in range(rows):
+        mx, my, mz = asymmetry[i, 0], asymmetry[i, 1], asymmetry[i, 2]
+        size = math.sqrt(mx * mx + my * my + mz * mz)
+        if surface[i] != 0 or size < threshold:
+            continue
+        covered = False
+        for k in range(first[i], last[i]):
+            j = other[k]
+            dx, dy = position[j, 0] - position[i, 0], position[j, 1] - position[i, 1]
+            dz = position[j, 2] - position[i, 2]
+            r = math.sqrt(dx * dx + dy * dy + dz * dz)
+            if wet[j] > 0.5 and dx * mx + dy * my + dz * mz > 0.5 * size * r:
+                covered = True
+                break
+        if not covered:
+            surface[i] = 1
+
+
+@compiled
 def mark_dry(kind, first, other, begin, end, surface):
     """Count wall particles that no liquid is near to those of the free surface, whose pressure is zero.
 
