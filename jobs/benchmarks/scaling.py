@@ -42,6 +42,7 @@ from parmps.checkpoint import read_header, read_slabs  # noqa: E402
 from parmps.domain import BISECTIONS, Domain  # noqa: E402
 from parmps.loader import load_job  # noqa: E402
 from parmps.particles import FLUID, WALL  # noqa: E402
+from parmps.pressure import PRESSURE_OPTIONS  # noqa: E402
 from parmps.simulation import COSTS, SORT_EVERY, Simulation  # noqa: E402
 
 HALO_WORK = 0.05
@@ -52,7 +53,7 @@ SWEEPS = 4
 """Exchanges on a level in a cycle of multigrid: a smoother before and after, the residual, the prolongation."""
 COARSENING = 20.0
 """Rows of a level over those of the next one, by smoothed aggregation in 3D."""
-COARSEST = 50
+COARSEST = PRESSURE_OPTIONS["pc_gamg_coarse_eq_limit"]
 """Rows of the coarsest level, where PETSc stops."""
 HALO_BYTES = 171
 """Of all fields of a particle, which come with a new halo."""
