@@ -40,6 +40,14 @@ def measured(tmp_path):
     return measure
 
 
+def test_all_cases_can_run():
+    for name in (path.parent.name for path in VALIDATION.glob("*/case.py")):
+        case = validation.load_case(name)
+        for variant, preset, spacing in validation.combinations(case):
+            changes = [f"spacing={spacing:g}", f"scheme.preset={preset}", *validation.variants(case)[variant]]
+            assert load_job(VALIDATION / name / "case.yaml", changes).scheme.preset == preset
+
+
 # References
 
 

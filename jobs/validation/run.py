@@ -6,7 +6,7 @@ usage: python jobs/validation/run.py [CASE ...] [--preset P ...] [--spacing S ..
 A case is a directory with ``case.yaml``, the job; ``README.md``; reference data if there are any; and ``case.py``:
 
 - ``TITLE``; ``SPACINGS``, coarsest first, of which ``--quick`` takes the first alone;
-- ``VARIANTS``: by name, what ``--set`` changes (optional);
+- ``VARIANTS``: by name, what ``--set`` changes (optional); ``NOT_IN_PAPERS``: those that `papers` refuses (optional);
 - ``TARGETS``: by measure, the largest error of `accurate`, one for all spacings or one each, perhaps by variant;
   `balanced` is allowed 1.5 times as much;
 - ``measure(results)``: the errors of a run by name; ``plot(figure, runs)``: the picture;
@@ -283,6 +283,18 @@ def provenance():
     return f"Solver at commit {commit}, one rank, {processor()}."
 
 
+def combinations(case):
+    """Variants, presets and spacings of a case, in the order of the report."""
+    refused = getattr(case, "NOT_IN_PAPERS", ())
+    return [
+        (variant, preset, spacing)
+        for variant in variants(case)
+        for spacing in case.SPACINGS
+        for preset in PRESETS
+        if preset != "papers" or variant not in refused
+    ]
+
+
 def run_case(name, options):
     """Run what the options choose of a case, and write its part of the report from all runs that are kept.
 
@@ -292,12 +304,7 @@ def run_case(name, options):
     options : argparse.Namespace
     """
     case = load_case(name)
-    runs = [
-        Kept(name, case, variant, preset, spacing)
-        for variant in variants(case)
-        for spacing in case.SPACINGS
-        for preset in PRESETS
-    ]
+    runs = [Kept(name, case, *combination) for combination in combinations(case)]
     for run in runs:
         wanted = (
             run.preset in (options.preset or PRESETS)

@@ -25,6 +25,7 @@ VARIANTS = {
         f"fluids=[{{name: drop, region: {{ball: {{centre: [0.7, 0.7, 0.7], radius: 0.3}}}}, {FREE}",
     ],
 }  # fmt: skip
+NOT_IN_PAPERS = ("2D, free surface", "3D, free surface, 6 spacings")
 TARGETS = {"jump [%]": 2.0, "capillary number [1e-3]": 1.0}
 
 
