@@ -321,9 +321,11 @@ class Run:
             line(sentence)
         for item in record["left_tank"]:
             line(f"particle {item['id']} left the tank at {item['position']} m in step {item['step']}")
+        tense = self.simulation.liquids.capillary_rate > 0.0
         line(
             f"{record['steps']} steps, {record['ksp']['iterations_mean']:.1f} iterations a step, "
             f"{record['ksp']['rebuilds']} multigrid set-ups; energy drift {record['energy_drift']:+.2%}"
+            f"{', which counts what surface tension gives' if tense else ''}"
         )
         if status == "done":
             line(f"volume drift {record['volume_drift']:+.2%}")

@@ -541,7 +541,8 @@ class Simulation:
         """Energy that came from nowhere (or, negative, went to heat), over the energy of the liquid.
 
         Kinetic energy less its initial value and less the work of the body force, over the greatest kinetic
-        energy so far plus the potential energy of the liquid at the start, above the tank's bottom.
+        energy so far plus the potential energy of the liquid at the start, above the tank's bottom. The energy of
+        surfaces under tension is not known: what they give the liquid counts as from nowhere.
 
         Returns
         -------
