@@ -3,10 +3,12 @@
 A probe turns the particles that one rank owns into sums, and the sums over all ranks into values, so that
 all probes together need one reduction. The particles come as a state with these attributes, of owned
 particles only: ``position``, ``velocity``, ``normal`` (n, 3), ``pressure``, ``kind``, ``fluid``, ``surface``,
-``depth`` (n,), and ``spacing`` (m), ``force`` (3,) (m/s2, body force at the tank's origin), ``force_at``, which
-gives the body force on what rests at points (n, 3), and ``density`` (kg/m3, one value or (n,)); for a liquid also
-``volume`` (m3), ``compression`` and ``fraction`` (n,), the share of the particle's own liquid in its neighbourhood.
+``depth`` (n,), and ``spacing`` (m), ``frame`` (the tank's, a `FrameState`) and ``density`` (kg/m3, one value or (n,));
+for a liquid also ``volume`` (m3), ``compression`` and ``fraction`` (n,), the share of the particle's own liquid in its
+neighbourhood.
 """
+
+import math
 
 import numpy as np
 
@@ -66,7 +68,7 @@ def surface_pressure(state, chosen):
     """
     step = state.depth[chosen, None] * state.normal[chosen]
     pressure, surface = state.pressure[chosen], state.position[chosen] + step
-    jump = _density(state, chosen) * np.einsum("ij,ij->i", step, state.force_at(surface))
+    jump = _density(state, chosen) * np.einsum("ij,ij->i", step, state.frame.force_at(surface))
     return np.where(pressure != 0.0, pressure + jump, 0.0), surface
 
 
@@ -118,7 +120,7 @@ class PressureGauge:
             wet = weight * (pressure != 0.0)
         else:
             wet = weight
-        correction = -_density(state, near) * (offset @ state.force_at(self.at))
+        correction = -_density(state, near) * (offset @ state.frame.force_at(self.at))
         return np.array([weight.sum(), wet.sum(), weight @ pressure, weight @ correction])
 
     def value(self, sums):
@@ -138,6 +140,9 @@ class ElevationGauge:
     longest stretch more than half full, but for voids smaller than 1.5 spacings, so that spray above it
     does not count. A dry column reads 0.
 
+    A gauge that is fixed to the earth stays where it is when the tank moves: particles are seen in the earth's
+    frame, and the height is that above the tank bottom at rest.
+
     Parameters
     ----------
     probe : parmps.scene.ElevationProbe
@@ -147,10 +152,17 @@ class ElevationGauge:
     def __init__(self, probe, geometry):
         self.columns = [f"{probe.name} [m]"]
         axes = geometry.axes
-        self.boxes = geometry.walls.solids
+        self.geometry, self.earth = geometry, probe.fixed_to == "earth"
         self.at = np.array(probe.at if geometry.dimension == 3 else [probe.at[0], 0.0])
         self.steps = np.array([axis.step for axis in axes])
-        self.nodes = np.linspace(0.0, axes[2].high, int(np.ceil(NODES * axes[2].high / self.steps[2])) + 1)
+        self.base = 0.0  # height of the lowest node
+        self.reach = self._diagonal() if self.earth else 0.0
+        height = 2.0 * self.reach if self.earth else axes[2].high
+        self.nodes = np.linspace(0.0, height, int(np.ceil(NODES * height / self.steps[2])) + 1)
+        self.solid = np.ones(len(self.nodes), bool)  # what is none of the liquid's in the tank's own column is a baffle
+        self.boxes = geometry.walls.solids[:0] if self.earth else geometry.walls.solids
+        if self.earth:
+            return
         near = [np.abs(axis.points - at) for axis, at in zip(axes, self.at, strict=False)]
         x, y = (axes[a].points[near[a] < 2 * self.steps[a]] for a in (0, 1))
         grid = np.meshgrid(x, y, axes[2].points, indexing="ij")
@@ -170,27 +182,59 @@ class ElevationGauge:
         inside = (node >= 0) & (node < len(self.nodes))
         return np.bincount(node[inside], share[inside], minlength=len(self.nodes))
 
-    def _near(self, state):
-        """Liquid that the profile sees: (n,) bool."""
-        near = np.abs(state.position[:, 0] - self.at[0]) < 2 * self.steps[0]
-        near &= np.abs(state.position[:, 1] - self.at[1]) < 2 * self.steps[1]
-        return near & (state.kind == FLUID)
+    def _diagonal(self):
+        """Of the box around the tank, m."""
+        finite = self.geometry.axes if self.geometry.dimension == 3 else self.geometry.axes[::2]
+        return math.hypot(*(axis.high - axis.low for axis in finite))
+
+    def _stand(self, frame):
+        """Find where the column of a gauge on the earth is in the tank: what would be full there, and baffles."""
+        self.base = frame.origin[2] - self.reach
+        line = np.column_stack([np.tile(self.at, (len(self.nodes), 1)), self.base + self.nodes])
+        line = (line - frame.origin) @ frame.rotation
+        axes = self.geometry.axes
+        lowest = np.array([axis.points[0] for axis in axes])
+        around = np.stack(np.meshgrid(*[np.arange(-4, 5)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+        site = np.unique((np.rint((line - lowest) / self.steps)[:, None] + around).reshape(-1, 3), axis=0)
+        site = site[((site >= 0) & (site < [len(axis.points) for axis in axes])).all(axis=1)]
+        lattice = lowest + site * self.steps
+        lattice = lattice[distances(lattice, self.geometry.walls)[0] > 0.0]
+        self.full = self._profile(self._on_earth(lattice, frame))
+        low, high = self.geometry.walls.solids[:, 0, None], self.geometry.walls.solids[:, 1, None]
+        self.solid = ((line >= low) & (line <= high)).all(axis=2).any(axis=0)
+
+    def _on_earth(self, position, frame):
+        """Places along the earth's axes, heights above the lowest node: (n, 3) float64, m."""
+        return position @ frame.rotation.T + frame.origin - [0.0, 0.0, self.base]
+
+    def _seen(self, state):
+        """Liquid near the column: positions along its axes, (k, 3) float64, m, and numbers of the particles, (k,)."""
+        number, position = np.flatnonzero(state.kind == FLUID), state.position
+        if self.earth:
+            self._stand(state.frame)
+            position = self._on_earth(position, state.frame)
+        position = position[number]
+        near = (np.abs(position[:, :2] - self.at) < 2 * self.steps[:2]).all(axis=1)
+        return position[near], number[near]
 
     def partial(self, state):
         """Sum the particles near the gauge over the nodes of its profile: (nodes,) float64."""
-        return self._profile(state.position[self._near(state)])
+        return self._profile(self._seen(state)[0])
 
     def value(self, sums):
-        """Height of the surface, m: (1,) float64."""
-        if not sums.any():
-            return np.zeros(1)
+        """Height, m: (1,) float64; 0 where the column is dry."""
+        height = self._height(sums) if sums.any() else None
+        return np.zeros(1) if height is None else self.base + height
+
+    def _height(self, sums):
+        """Height of the surface above the lowest node, m: (1,) float64, or None without one."""
         # a baffle in the column counts as full
         empty = self.full < 1e-3
-        fill = np.where(empty, 1.0, sums / np.where(empty, 1.0, self.full)) - 0.5
+        fill = np.where(empty, self.solid, sums / np.where(empty, 1.0, self.full)) - 0.5
         wet = np.concatenate([[False], fill >= 0.0, [False]])
         starts, stops = np.flatnonzero(wet[1:] != wet[:-1]).reshape(-1, 2).T
         if not len(starts):
-            return np.zeros(1)
+            return None
         gap = starts[1:] - stops[:-1] > MAX_VOID * NODES
         starts, stops = starts[np.append(True, gap)], stops[np.append(gap, True)]
         top = stops[np.argmax(stops - starts)]
@@ -222,14 +266,12 @@ class InterfaceGauge(ElevationGauge):
 
     def partial(self, state):
         """Profiles of the lower and the upper liquid, one after the other: (2 nodes,) float64."""
-        near = self._near(state)
-        return np.concatenate([self._profile(state.position[near & (state.fluid == f)]) for f in self.pair])
+        position, number = self._seen(state)
+        return np.concatenate([self._profile(position[state.fluid[number] == f]) for f in self.pair])
 
-    def value(self, sums):
-        """Height of the interface, m: (1,) float64; 0 where there is neither liquid."""
+    def _height(self, sums):
+        """Height of the interface above the lowest node, m: (1,) float64."""
         lower, upper = sums.reshape(2, -1)
-        if not sums.any():
-            return np.zeros(1)
         if not lower.any():
             return self._end(np.flatnonzero(upper)[0], upper, -1)
         if not upper.any():
@@ -284,7 +326,7 @@ class LiquidProbe:
         own = (state.kind == FLUID) & (state.fluid == self.number)
         position, velocity = state.position[own], state.velocity[own]
         mass = state.volume[own] * _density(state, own)
-        energy = mass @ (0.5 * np.einsum("ij,ij->i", velocity, velocity) - position @ state.force)
+        energy = mass @ (0.5 * np.einsum("ij,ij->i", velocity, velocity) - position @ state.frame.force)
         volume = np.sum(state.volume[own] / (1.0 + state.compression[own]))
         strayed = np.count_nonzero(state.fraction[own] < 0.5)
         return np.array([volume, len(position), *position.sum(axis=0), energy, strayed])

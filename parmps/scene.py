@@ -302,12 +302,18 @@ class PressureProbe(Kind):
 Columns = Annotated[tuple[Coordinate, ...], Field(min_length=1, max_length=2)]
 
 
+FixedTo = Annotated[
+    Literal["tank", "earth"], setting("what the gauge stands on; on the earth, where it is in the tank at rest")
+]
+
+
 class ElevationProbe(Kind):
     """Height of the free surface above the tank bottom."""
 
     name: Name = setting("column name in probes.csv")
     kind: Literal["elevation"] = setting("height of the free surface above the tank bottom")
     at: Columns = setting("position of the gauge: [x] in 2D, [x, y] in 3D", "m")
+    fixed_to: FixedTo = "tank"
 
 
 class InterfaceProbe(Kind):
@@ -319,6 +325,7 @@ class InterfaceProbe(Kind):
         "names of the two fluids"
     )
     at: Columns = setting("position of the gauge: [x] in 2D, [x, y] in 3D", "m")
+    fixed_to: FixedTo = "tank"
 
 
 class LiquidProbe(Kind):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from parmps.loader import parse_job
-from parmps.motion import Motion
+from parmps.motion import FrameState, Motion
 from parmps.probes import build_probes
 from parmps.tank import FLUID, place
 
@@ -19,6 +19,11 @@ def make_job(probes, size=(0.8, 0.5), depth=0.25, spacing=0.004, baffles=""):
         f"dimension: {len(size)}\nspacing: {spacing}\ntank: {{size: {list(size)}, baffles: [{baffles}]}}\n"
         f"fluids: [{{name: water, depth: {depth}}}]\ntime: {{end: 1.0}}\nprobes: [{probes}]\n"
     )
+
+
+def upright(force):
+    """Frame of a tank at rest."""
+    return FrameState(np.eye(3), np.zeros(3), np.zeros(3), np.array(force), np.zeros(3), np.zeros(3))
 
 
 def hydrostatic(p, depth, force=(0.0, 0.0, -G)):
@@ -39,14 +44,14 @@ def hydrostatic(p, depth, force=(0.0, 0.0, -G)):
         normal=p.normal,
         depth=p.depth,
         spacing=p.spacing,
-        force=force,
-        force_at=lambda x: np.broadcast_to(force, x.shape),
+        frame=upright(force),
         density=RHO,
     )
 
 
 def cut(state, part):
-    return SimpleNamespace(**{name: v[part] if np.size(v) > 3 else v for name, v in vars(state).items()})
+    whole = {name: v for name, v in vars(state).items() if name in ("frame", "spacing", "density")}
+    return SimpleNamespace(**{name: v[part] for name, v in vars(state).items() if name not in whole}, **whole)
 
 
 def measure(job, state, geometry):
@@ -97,7 +102,7 @@ def test_wall_pressure_is_by_the_body_force_at_the_wall():
     p = place(job, "half")
     frame = Motion(job.motion, 0.0, 2, job.tank).at(0.0)._replace(omega=np.array([0.0, 30.0, 0.0]))
     state = hydrostatic(p, 0.5)
-    state.force, state.force_at = frame.force, frame.force_at
+    state.frame = frame
     state.pressure = 0.5 * RHO * 900.0 * np.sum(p.position**2, axis=1)
     values = measure(job, state, p.geometry)
     # linear over half a spacing
@@ -236,7 +241,7 @@ def layered(position, heights, spacing=0.01):
     n = len(position)
     return SimpleNamespace(
         position=position, velocity=np.zeros((n, 3)), kind=np.full(n, FLUID), fluid=number.astype(np.int8),
-        spacing=spacing, force=np.array([0.0, 0.0, -G]), density=RHO, volume=np.full(n, spacing**2),
+        spacing=spacing, frame=upright([0.0, 0.0, -G]), density=RHO, volume=np.full(n, spacing**2),
         compression=np.zeros(n), fraction=np.ones(n),
     )  # fmt: skip
 
@@ -294,3 +299,30 @@ def test_a_liquid():
     )
     state.compression[:] = 0.01
     assert measure(job, state, p.geometry)["middle.volume [m2]"] == pytest.approx(0.8 * 0.15 / 1.01)
+
+
+@pytest.mark.parametrize("size", [(0.8, 0.5), (0.6, 0.3, 0.4)])
+def test_gauges_on_the_earth_see_level_surfaces_where_they_stand(size):
+    """Level liquids in a tank that has rolled, risen and moved aside."""
+    d, spacing = len(size), 0.01 if len(size) == 2 else 0.02
+    at = [[0.35], [0.15]] if d == 2 else [[0.3, 0.15], [0.15, 0.2]]
+    probes = ", ".join(
+        f"{{name: {kind[0]}{n}, kind: {kind}, at: {place}, fixed_to: earth{more}}}"
+        for kind, more in (("elevation", ""), ("interface", ", between: [a, b]"))
+        for n, place in enumerate(at)
+    )
+    job = parse_job(
+        f"dimension: {d}\nspacing: {spacing}\ntank: {{size: {list(size)}}}\ntime: {{end: 1.0}}\n"
+        "fluids: [{name: a, depth: 0.1}, {name: b, depth: 0.3}]\n"
+        "motion: [{kind: pitch, amplitude_deg: 12, omega: 0, phase_deg: 90}, "
+        "{kind: surge, amplitude: 0.05, omega: 0, phase_deg: 90}, "
+        f"{{kind: heave, amplitude: 0.04, omega: 0, phase_deg: 90}}]\nprobes: [{probes}]\n"
+    )
+    p = place(job, "half")
+    state = hydrostatic(p, 0.4)
+    state.frame = Motion(job.motion, G, d, job.tank).at(0.5)
+    height = (p.position @ state.frame.rotation.T + state.frame.origin)[:, 2]
+    state.kind = np.where((p.kind == FLUID) & (height < 0.3), FLUID, 1)
+    state.fluid = (height > 0.2).astype(int)
+    values = measure(job, state, p.geometry)
+    np.testing.assert_allclose(list(values.values()), [0.3, 0.3, 0.2, 0.2], atol=0.4 * spacing)
