@@ -354,18 +354,13 @@ def test_walls_are_wet_below_the_surface_and_dry_above(dimension):
     np.testing.assert_array_equal(np.delete(wet, walls), 1.0)
 
 
-def test_a_particle_pressed_to_the_wall_wets_no_more_of_it():
-    c = make_case(2, 0.0)
-    corner = c.p.position[: c.p.liquid].sum(axis=1).argmax()
-    c.p.position[corner] += [0.3 * c.l0, 0.0, 0.05 * c.l0]
-    pairs, wet = Pairs(REACH * c.l0, c.solids), np.ones(len(c.p))
-    pairs.find(c.p)
-    density.wet_walls(
-        c.p.position, c.p.normal, *pairs.wet, pairs.weigh(c.l0, REACH, REACH)[0], c.l0, c.p.liquid, c.rows, wet
-    )
-    above = (c.p.kind == 1) & (c.p.position[:, 2] > c.p.position[corner, 2] + 0.5 * c.l0)
-    assert above.any()
-    assert not wet[above].any()
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_what_no_neighbour_covers_is_the_top_row(dimension):
+    c, wet, surface, _ = surface_at_rest(dimension)
+    found = np.zeros_like(surface)
+    position, asymmetry = c.p.position, moments_of(c, wet).asymmetry
+    density.mark_uncovered(position, wet, asymmetry, 0.6 * c.lat.asymmetry, *c.wet[:3], c.p.liquid, found)
+    np.testing.assert_array_equal(found, surface)
 
 
 def mean_row_density(c, surface, normal):

@@ -13,8 +13,7 @@ def wet_walls(position, normal, first, last, other, strength, l0, begin, end, we
     """Tell how far walls are under the surface: dry ones have all of their liquid on one side, and none near.
 
     A wall particle in line with the surface row has one of its particles a spacing away, one above it has none nearer
-    than 1.4 spacings, were they all a spacing in front of the wall. Neither have those of a corner under water, but
-    their liquid is in front of them.
+    than 1.4 spacings. Neither have those of a corner under water, but their liquid is in front of them.
 
     Parameters
     ----------
@@ -40,11 +39,10 @@ def wet_walls(position, normal, first, last, other, strength, l0, begin, end, we
             j, s = other[k], strength[k]
             dx, dy, dz = position[j, 0] - x, position[j, 1] - y, position[j, 2] - z
             r = math.sqrt(dx * dx + dy * dy + dz * dz)
+            nearest = min(nearest, r)
             s *= r
             n += s * r
             front = dx * normal[i, 0] + dy * normal[i, 1] + dz * normal[i, 2]
-            # one that is pressed to the wall wets no more of it
-            nearest = min(nearest, math.sqrt(r * r + max(l0 * l0 - front * front, 0.0)))
             tx += s * (dx - front * normal[i, 0])
             ty += s * (dy - front * normal[i, 1])
             tz += s * (dz - front * normal[i, 2])
@@ -263,8 +261,9 @@ def mark_surface(density, asymmetry, n0, threshold, surface):
 def mark_uncovered(position, wet, asymmetry, threshold, first, last, other, rows, surface):
     """Count particles that none covers among those of the free surface (after Marrone 2010).
 
-    A row that is squeezed along the surface is as dense as the inside, and so far from the next that its asymmetry is
-    small. What covers a particle is a neighbour within 60 degrees of the way out.
+    One in the corner between wall and surface may be squeezed until its asymmetry is too small, and a row that is
+    squeezed along the surface is as dense as the inside, and far from the next. What covers a particle is a neighbour
+    within 60 degrees of the way out.
 
     Parameters
     ----------
