@@ -18,6 +18,7 @@ FLUID, WALL, DUMMY = 0, 1, 2
 """Kinds of particles."""
 
 FLUID_CLEARANCE = 0.75  # least distance of the liquid from a baffle, in spacings, where walls are on the wall line
+FITS = 0.1  # a cell of which a baffle leaves less, or takes less, is none or whole
 BESIDE = 1.5  # in spacings; how far from a baffle that cuts the lattice the liquid is evened out
 SCATTER = (0.8191725, 0.6710436, 0.5497005)  # powers of the root of x^4 = x + 1: even in any stretch (Roberts 2018)
 WALL_CLEARANCE = {"half": 0.01, "line": 0.5}  # the same for the tank's wall particles beside a baffle
@@ -353,12 +354,15 @@ def _keep_off_baffles(geometry, position, fluid):
 
 
 def _share_outside(geometry, position):
-    """Share of the cell of one spacing around each point that is outside of the baffles: (n,) float64."""
+    """Share of the cell of one spacing around each point that is outside of the baffles, (n,) float64; what fits, fits.
+
+    A plate of no thickness is a spacing and a tenth thick, so that it cuts the cells beside it by a twentieth.
+    """
     half, inside = geometry.spacing / 2, np.zeros(len(position))
     for low, high in geometry.walls.solids:
         sides = np.minimum(high, position + half) - np.maximum(low, position - half)
         inside += np.prod(np.clip(sides / geometry.spacing, 0.0, 1.0), axis=1)
-    return 1.0 - inside
+    return np.where(inside < FITS, 1.0, np.where(inside > 1.0 - FITS, 0.0, 1.0 - inside))
 
 
 def _even_out_beside_baffles(job, geometry, walls):
@@ -398,6 +402,9 @@ def _even_out_beside_baffles(job, geometry, walls):
     moves = beside & layered
     if moves.any():
         around = walls[cKDTree(position[moves]).query(walls)[0] < reach]
+        # the faces of a thin plate have their wall particles in one place
+        double = cKDTree(around).query_pairs(0.5 * l0, output_type="ndarray")[:, 1]
+        around = np.delete(around, np.unique(double), axis=0)
         fixed = np.concatenate([position[~moves], around])[:, axes]
         bounds = low[moves], high[moves]
         position[np.ix_(moves, axes)] = pack(position[moves][:, axes], fixed, l0, distance, clearance, *bounds)
