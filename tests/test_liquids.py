@@ -3,33 +3,16 @@
 import numpy as np
 import pytest
 
-from parmps.domain import Domain
 from parmps.interfaces import SLIP, correct_acceleration, correct_divergence, find_curvature
 from parmps.kernels import viscosity
 from parmps.kernels.weight import lattice
 from parmps.liquids import Liquids
-from parmps.loader import parse_job
 from parmps.particles import FLUID
-from parmps.simulation import Simulation
 from parmps.stages import smooth_density
 from parmps.tank import standing_wave
 from parmps.waves import layers_of
 
 REACH, G = 2.1, 9.8
-
-
-@pytest.fixture
-def start():
-    """Start simulations, and free their solvers afterwards."""
-    begun = []
-
-    def begin(text, *overrides):
-        begun.append(Simulation(parse_job(text, overrides), Domain()))
-        return begun[-1]
-
-    yield begin
-    for sim in begun:
-        sim.solver.close()
 
 
 def two(dimension=2, lower=1300.0, upper=1000.0, more="", depth=0.06):

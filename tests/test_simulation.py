@@ -8,10 +8,8 @@ import pytest
 
 from parmps.components import Floating
 from parmps.domain import Domain
-from parmps.loader import load_job, parse_job
 from parmps.particles import FLUID, WALL
 from parmps.pressure import Blocks
-from parmps.simulation import Simulation
 
 RHO, G = 1000.0, 9.8
 SLOSHING = Path(__file__).parents[1] / "jobs" / "sloshing.yaml"
@@ -23,21 +21,6 @@ fluids: [{name: water, depth: 0.2}]
 time: {end: 10.0, max_step: 2.0e-3}
 scheme: {ksp_rtol: 1.0e-8}
 """
-
-
-@pytest.fixture
-def start():
-    """Start simulations, and free their solvers afterwards."""
-    begun = []
-
-    def begin(text, *overrides):
-        job = load_job(text, overrides) if isinstance(text, Path) else parse_job(text, overrides)
-        begun.append(Simulation(job, Domain()))
-        return begun[-1]
-
-    yield begin
-    for sim in begun:
-        sim.close()
 
 
 def march(sim, until):

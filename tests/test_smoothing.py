@@ -3,11 +3,8 @@
 import numpy as np
 import pytest
 
-from parmps.domain import Domain
 from parmps.kernels.weight import lattice
-from parmps.loader import parse_job
 from parmps.particles import FLUID
-from parmps.simulation import Simulation
 
 REACH, WIDE = 2.1, 4.01
 LAYERS = (
@@ -20,18 +17,15 @@ SIZE = {2: [0.1, 0.16], 3: [0.06, 0.06, 0.12]}
 
 
 @pytest.fixture
-def start():
-    """Start simulations, and free their solvers afterwards."""
-    begun = []
+def start(start):
+    """Start simulations, and choose their first step."""
 
     def begin(text, *overrides):
-        begun.append(Simulation(parse_job(text, overrides), Domain()))
-        begun[-1].choose_step(1.0)
-        return begun[-1]
+        sim = start(text, *overrides)
+        sim.choose_step(1.0)
+        return sim
 
-    yield begin
-    for sim in begun:
-        sim.close()
+    return begin
 
 
 @pytest.fixture

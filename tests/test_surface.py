@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-from parmps.domain import Domain
 from parmps.errors import InputError
 from parmps.liquids import Liquids
 from parmps.loader import parse_job
-from parmps.simulation import Simulation
 from parmps.stages import make_plan
 from parmps.surface import find_surface_pressure
 from parmps.waves import layers_of, modes
@@ -17,20 +15,6 @@ TENSE = (
     "dimension: 2\nspacing: 0.01\ntank: {size: [0.2, 0.2]}\ntime: {end: 1.0, max_step: 0.001}\n"
     "fluids: [{name: water, depth: 0.06, kinematic_viscosity: 0, surface_tension: %g}]\n"
 )
-
-
-@pytest.fixture
-def start():
-    """Start simulations, and free their solvers afterwards."""
-    begun = []
-
-    def begin(text, *overrides):
-        begun.append(Simulation(parse_job(text, overrides), Domain()))
-        return begun[-1]
-
-    yield begin
-    for sim in begun:
-        sim.close()
 
 
 def ready(sim):

@@ -1,0 +1,24 @@
+"""What several files of tests use."""
+
+from pathlib import Path
+
+import pytest
+
+from parmps.domain import Domain
+from parmps.loader import load_job, parse_job
+from parmps.simulation import Simulation
+
+
+@pytest.fixture
+def start():
+    """Start simulations of a job's text or file, and free their solvers afterwards."""
+    begun = []
+
+    def begin(text, *overrides):
+        job = load_job(text, overrides) if isinstance(text, Path) else parse_job(text, overrides)
+        begun.append(Simulation(job, Domain()))
+        return begun[-1]
+
+    yield begin
+    for sim in begun:
+        sim.close()
