@@ -4,14 +4,15 @@ from pathlib import Path
 
 import pytest
 
-from parmps.domain import Domain
-from parmps.loader import load_job, parse_job
-from parmps.simulation import Simulation
-
 
 @pytest.fixture
 def start():
     """Start simulations of a job's text or file, and free their solvers afterwards."""
+    # Imported here: where MPI has started, what it adds to the environment keeps mpirun from starting below it.
+    from parmps.domain import Domain
+    from parmps.loader import load_job, parse_job
+    from parmps.simulation import Simulation
+
     begun = []
 
     def begin(text, *overrides):
