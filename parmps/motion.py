@@ -80,7 +80,9 @@ class FrameState(NamedTuple):
         -------
         (..., 3) float64, m/s2
         """
-        return self.force - np.cross(self.alpha, position) - np.cross(self.omega, np.cross(self.omega, position))
+        axes = np.eye(3)  # one product with a matrix: in a tank that turns, each step asks for all particles
+        turn = np.cross(self.alpha, axes) + np.cross(self.omega, np.cross(self.omega, axes))
+        return self.force - position @ turn
 
 
 class RigidMotion(NamedTuple):

@@ -209,11 +209,11 @@ class ElevationGauge:
 
     def _seen(self, state):
         """Liquid near the column: positions along its axes, (k, 3) float64, m, and numbers of the particles, (k,)."""
-        number, position = np.flatnonzero(state.kind == FLUID), state.position
+        number = np.flatnonzero(state.kind == FLUID)
+        position = state.position[number]
         if self.earth:
             self._stand(state.frame)
             position = self._on_earth(position, state.frame)
-        position = position[number]
         near = (np.abs(position[:, :2] - self.at) < 2 * self.steps[:2]).all(axis=1)
         return position[near], number[near]
 

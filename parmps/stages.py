@@ -426,7 +426,7 @@ def add_body_force_to_liquid(sim):
     w.intermediate[:] = 0.0
     liquid = p.kind == FLUID
     w.intermediate[liquid] = p.velocity[liquid] + sim.dt * w.force[liquid]
-    w.force[:] = 0.0
+    w.force[:] = 0.0  # the divergence of v* has it
 
 
 def add_viscosity(sim):
