@@ -197,7 +197,13 @@ def make_plan(job, ranks):
     )
     moments = [
         Stage("density", "moments of the neighbourhood and free surface", measure_density),
-        *when(not job.full, "surface", "pressure is zero on the free surface", locate_surface, "the tank is full"),
+        *when(
+            not job.full or liquids.sheet is None,
+            "surface",
+            f"pressure is zero {'in gaps of the full tank' if job.full else 'on the free surface'}",
+            locate_surface,
+            "layers of different density fill the tank",
+        ),
     ]
     return Plan(
         [
@@ -291,7 +297,7 @@ def find_neighbours(sim):
 def measure_density(sim):
     """Number density, free surface, and the moment matrices of the corrected operators."""
     p, s, w = sim.particles, sim.scheme, sim.work
-    has_surface = not sim.job.full
+    has_surface = "surface" in sim.seconds if s.position == "start" else not sim.job.full
     if has_surface and s.position == "start":
         density.wet_walls(p.position, p.normal, *sim.pairs.wet, sim.strength, sim.l0, p.liquid, p.rows, w.wet)
         sim.domain.exchange(w.wet)
@@ -308,7 +314,7 @@ def measure_density(sim):
         w.lean,
         w.inverse,
     )
-    if has_surface:  # in a full tank a gap between particles is none of the liquid
+    if has_surface:  # else a gap between particles is none of the liquid
         density.mark_surface(w.density, w.asymmetry, sim.lattice.density, 0.9 * sim.lattice.asymmetry, w.surface)
         if s.position == "start":
             # low where the surface must be whole; beside cavities of violent flow it would put zero pressure inside

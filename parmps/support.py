@@ -2,8 +2,8 @@
 
 Divergence and pressure gradient both have the particle's own value times the first moment A of its neighbourhood, by
 which pressure speeds a particle of velocity v up, by (v . A) A. Among its like, the pressure of the neighbours
-outweighs that. It does not where they are lighter, nor beside a gap of a full tank, where no free surface holds the
-pressure: particles thrown into such tanks went from 1 to 26 m/s and more. So the less support a particle has, the less
+outweighs that. It does not where they are lighter, nor beside a gap of a full tank before it is a free surface:
+particles thrown into such tanks went from 1 to 26 m/s and more. So the less support a particle has, the less
 its own velocity and pressure count for it, and the less its velocity changes where it is shifted.
 """
 

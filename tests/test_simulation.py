@@ -8,6 +8,7 @@ import pytest
 
 from parmps.components import Floating
 from parmps.domain import Domain
+from parmps.errors import DivergedError
 from parmps.particles import FLUID, WALL
 from parmps.pressure import Blocks
 
@@ -110,6 +111,37 @@ def test_a_full_tank_that_pitches_stays_even(start):
     assert abs(sim.volume_drift()) < 0.005
     assert sim.energy_drift() < 0.005
     assert sim.work.density[: sim.particles.liquid].max() < 1.3 * sim.lattice.density
+
+
+def test_gaps_behind_a_baffle_of_a_full_tank_close(start):
+    """They grew to a tenth of the tank, and blew the run up, where they were no free surface."""
+    sim = start(
+        "dimension: 2\nspacing: 0.02\ntank: {size: [1.0, 0.6], "
+        "baffles: [{x: 0.3, bottom: 0.0, top: 0.18, thickness: 0.02}]}\nfluids: [{name: water, fill: 1.0}]\n"
+        "motion: [{kind: pitch, amplitude_deg: 20, omega: 17.0}, {kind: surge, amplitude: 0.05, omega: 17.0}]\n"
+        "time: {end: 0.3}\n"
+    )
+    gaps = 0
+    while sim.time < 0.3:
+        sim.step(0.3)
+        gaps += sim.floating.count == 0
+        assert abs(sim.volume_drift()) < 0.005
+        assert sim.energy_drift() < 0.005
+    assert gaps > 0
+
+
+def test_a_particle_faster_than_all_the_energy_stops_the_run(start):
+    """Steps would become so short that the time stands still."""
+    sim = start(
+        "dimension: 2\nspacing: 0.02\ntank: {size: [0.4, 0.4]}\nfluids: [{name: water, depth: 0.2}]\ntime: {end: 1.0}\n"
+    )
+    p = sim.particles
+    greatest = np.sqrt(2.0 * sim.energy_scale / sim.particle_mass[0])
+    p.velocity[7, 0] = greatest
+    sim.choose_step(1.0)
+    p.velocity[7, 0] = 10.0 * greatest
+    with pytest.raises(DivergedError, match="m/s at t = 0 s, step 0: more than the energy of all the liquid"):
+        sim.choose_step(1.0)
 
 
 def test_a_row_that_loses_its_links_leaves_the_level_of_the_others():
