@@ -29,7 +29,7 @@ from parmps.particles import DUMMY, FLUID, WALL
 from parmps.smoothing import add_surface_tension, mass_density, smooth_mass_density
 from parmps.surface import find_surface_pressure
 
-VOLUME_EVERY = 10
+VOLUME_EVERY = 5
 """Steps between two measurements of the volume error and of the surface row, which change slowly."""
 
 SUPPORT = 0.8
@@ -38,6 +38,13 @@ where a flat surface is further away."""
 
 VOLUME_SHARE = 0.2
 """Share of the volume error to remove per u dt / l0, u the greatest speed, where volume_time is longer than that."""
+
+VOLUME_STRAIN = 20.0
+"""Rate at which the volume error is removed over s^2 / (s + sqrt(f / l0)), s the strain rate and f the body force. What
+makes room is that strain disorders the particles; a fast rate in a calm wave would damp it."""
+
+VOLUME_MOST = 0.3
+"""Greatest share of what is left of the volume error that a step removes."""
 
 RESIDUAL_DAMPING = 2.0
 """Damping of a velocity difference that no linear field explains, per (difference) dt / l0."""
@@ -534,10 +541,18 @@ def measure_divergence(sim):
         w.source[:rows] = (1.0 - s.gamma) * trace / sim.dt - s.gamma * (over - 1.0) / sim.dt**2
         return
     if s.volume_time is not None:
-        # faster in fast flow, where pushing particles apart makes room, but no faster than it is measured
-        rate = max(1.0 / s.volume_time, VOLUME_SHARE * sim.courant / sim.dt)
-        rate = min(rate, 0.5 / (VOLUME_EVERY * sim.dt))
-        trace = trace - p.compression[:rows] * rate
+        velocity.relax_volume(
+            p.compression,
+            w.gradient,
+            # faster in fast flow, where pushing particles apart makes room
+            max(1.0 / s.volume_time, VOLUME_SHARE * sim.courant / sim.dt),
+            VOLUME_STRAIN,
+            sim.grid_number / sim.dt,
+            VOLUME_MOST,
+            sim.step_number % VOLUME_EVERY,
+            sim.dt,
+            trace,
+        )
     over = over / sim.packing()
     share = min(s.separation * (sim.grid_number + sim.courant), 0.2)
     trace = trace - share * np.clip(over - s.overdensity, 0.0, MOST_OVERDENSITY) / sim.dt

@@ -1,5 +1,6 @@
 """Lattice constants and every operator against dense sums over all pairs, on regular and random particles."""
 
+import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -478,6 +479,25 @@ def test_velocity_gradient(dimension, noise):
     np.testing.assert_allclose(
         out[: c.rows].reshape(-1, 3, 3), reference, atol=1e-9 * np.abs(reference).max()
     )
+
+
+@pytest.mark.parametrize(
+    ("flow", "rate"),
+    [
+        ([[0.0, 0.0, -3.0], [0.0, 0.0, 0.0], [3.0, 0.0, 0.0]], 2.0),  # a rotation deforms nothing
+        ([[3.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, -3.0]], 10.0 * 18.0 / (math.sqrt(18.0) + 5.0)),
+        ([[0.0, 0.0, 6.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]], 10.0 * 18.0 / (math.sqrt(18.0) + 5.0)),  # shear
+    ],
+)
+def test_volume_error_relaxes_by_the_strain_rate(flow, rate):
+    """Between two measurements it falls by the same share in each step, whatever their number."""
+    gradient, error, dt = np.reshape(flow, (1, 9)), np.array([0.02]), 1e-3
+    left = error[0]
+    for age in range(20):
+        divergence = np.zeros(1)
+        velocity.relax_volume(error, gradient, 2.0, 10.0, 5.0, 0.3, age, dt, divergence)
+        left += divergence[0] * dt
+    assert left == pytest.approx(0.02 * (1.0 - rate * dt) ** 20, rel=1e-12)
 
 
 @pytest.mark.parametrize("minimum", [False, True])

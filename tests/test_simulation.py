@@ -258,6 +258,20 @@ def test_expanded_liquid_regains_its_volume(start, rows):
     assert 2.0 * sim.particles.position[liquid, 2].mean() == pytest.approx(0.01 * rows, abs=6e-4)  # of a row of 0.01
 
 
+def test_liquid_keeps_its_volume_in_violent_flow(start):
+    """In a tank of 15 rows that rolls by 90 degrees."""
+    sim = start(
+        "dimension: 2\nspacing: 0.01\ntank: {size: [0.4, 0.3]}\nfluids: [{name: water, depth: 0.15}]\n"
+        "motion: [{kind: roll, amplitude_deg: 90, omega: 6.0}]\ntime: {end: 0.5, cfl: 0.4}\n"
+    )
+    drift = []
+    while sim.time < 0.5:
+        sim.step(0.5)
+        if sim.time > 0.3 and sim.step_number % 5 == 0:
+            drift.append(sim.volume_drift())
+    assert abs(np.mean(drift)) < 0.006
+
+
 def test_papers_scheme_runs_and_has_the_printed_counts(start):
     sim = start(SLOSHING, "scheme=papers", "time.max_step=2.0e-4", "motion[0].phase_deg=90")
     assert sim.totals == {"fluid": 12338, "total": 12338 + 1974}
