@@ -21,6 +21,10 @@ AT_WALL = 0.5  # in spacings; a pressure probe nearer to a wall than this measur
 NODES = 4  # of the profile of a gauge, per spacing
 FLATNESS = 0.1  # in spacings; the wall that a pressure probe measures is that even, but for its curvature
 SAME_WALL = 0.5  # least cosine of a pressure probe's normal and a particle's; edges have diagonal ones
+LEAST_ROW = 1.0 / 3.0  # of the row in the surface; where a gauge sees less of it, it has no place for the surface
+BAND = 2.0  # in lattice steps; how far from the end of the main body a gauge looks for the row of its surface
+EVEN = 0.1  # in lattice steps; along which particles are spread less, a gauge sees no slope
+ROW, COLUMN = np.triu_indices(3)
 MAX_VOID = 1.5  # in spacings; a smaller gap in the liquid below a gauge is a passing void, not a surface
 
 
@@ -136,9 +140,13 @@ class ElevationGauge:
 
     Every particle near the gauge spreads over cubic B-splines of one lattice step along each axis. Divided
     by what the full lattice gives there, this is how full the tank is at each height: 1 inside the liquid,
-    1/2 at a flat surface, which lies half a spacing above the centres of the top row. The main body is the
-    longest stretch more than half full, but for voids smaller than 1.5 spacings, so that spray above it
-    does not count. A dry column reads 0.
+    about 1/2 at the surface. The main body is the longest stretch more than half full, but for voids smaller than
+    1.5 spacings, so that spray above it does not count. A dry column reads 0.
+
+    The surface is half a spacing from the particles of its row, as for the pressure: a straight line, or a plane, is
+    fitted to those within two spacings of the gauge and of the body's end, with the same weights. How full
+    the tank is depends on how far the columns stand from a wall, and read 0.04 spacings high there, as much low
+    elsewhere, and half a spacing times the steepness of a crest high at the crest.
 
     A gauge that is fixed to the earth stays where it is when the tank moves: particles are seen in the earth's
     frame, and the height is that above the tank bottom at rest.
@@ -218,8 +226,24 @@ class ElevationGauge:
         return position[near], number[near]
 
     def partial(self, state):
-        """Sum the particles near the gauge over the nodes of its profile: (nodes,) float64."""
-        return self._profile(self._seen(state)[0])
+        """Sum the particles near the gauge over the nodes of its profile, and moments of those in the surface.
+
+        Returns
+        -------
+        (10 nodes,) float64
+            The profile, and of the surface's particles by the node nearest to them the sums of their weights times
+            1, x, y, x^2, xy, y^2, z, xz and yz, from the gauge and from the node up, in lattice steps.
+        """
+        position, number = self._seen(state)
+        row = position[state.surface[number] != 0]
+        row = row[~hidden_from_column(*self.at, row, self.boxes)]
+        node = np.clip(np.rint(row[:, 2] / self.nodes[1]).astype(int), 0, len(self.nodes) - 1)
+        place = (row - np.column_stack([np.tile(self.at, (len(row), 1)), self.nodes[node]])) / self.steps
+        weight = _spline(place[:, 0]) * _spline(place[:, 1])
+        x, y, z = place.T
+        terms = (1.0, x, y, x * x, x * y, y * y, z, x * z, y * z)
+        moments = [np.bincount(node, weight * term, len(self.nodes)) for term in terms]
+        return np.concatenate([self._profile(position), *moments])
 
     def value(self, sums):
         """Height, m: (1,) float64; 0 where the column is dry."""
@@ -228,6 +252,27 @@ class ElevationGauge:
 
     def _height(self, sums):
         """Height of the surface above the lowest node, m: (1,) float64, or None without one."""
+        profile, *moments = sums.reshape(-1, len(self.nodes))
+        end = self._end_of_body(profile)
+        return end if end is None else self._fit(end, np.array(moments))
+
+    def _fit(self, end, moments):
+        """Height of the surface above the row near the end of the main body, m: (1,) float64; that end without one."""
+        above = (self.nodes - end) / self.steps[2] + 0.5  # the middle of the row
+        near = np.abs(above) < BAND
+        flat, upright = moments[:6, near], moments[6:, near] + above[near] * moments[:3, near]
+        matrix = np.zeros((3, 3))
+        matrix[ROW, COLUMN] = matrix[COLUMN, ROW] = flat.sum(axis=1)
+        if matrix[0, 0] < LEAST_ROW:
+            return end
+        matrix[[1, 2], [1, 2]] += EVEN**2 * matrix[0, 0]
+        height, *slope = np.linalg.solve(matrix, upright.sum(axis=1))
+        slope = np.array(slope) * self.steps[2] / self.steps[:2]
+        height += 0.5 * math.hypot(1.0, *slope) - 0.5
+        return end + self.steps[2] * np.clip(height, -1.0, 1.0)
+
+    def _end_of_body(self, sums):
+        """Height above the lowest node where the main body of liquid ends, m: (1,) float64, or None without one."""
         # a baffle in the column counts as full
         empty = self.full < 1e-3
         fill = np.where(empty, self.solid, sums / np.where(empty, 1.0, self.full)) - 0.5

@@ -583,6 +583,7 @@ def solve_pressure(sim):
         p.position,
         p.kind,
         w.surface,
+        w.lean,
         w.link_force,
         w.force,
         w.source,

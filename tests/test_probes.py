@@ -157,18 +157,19 @@ def test_force_and_moment_in_3d():
     assert values["load.My [N m]"] == pytest.approx(moment, rel=0.02)
 
 
-GAUGES = "{name: a, kind: elevation, at: [0.1]}, {name: b, kind: elevation, at: [0.01]}"
+GAUGES = "{name: a, kind: elevation, at: [0.1]}, {name: b, kind: elevation, at: [0.002]}"
 
 
 @pytest.fixture(scope="module")
 def gauges():
-    """Return a function that reads two gauges, and a deep lattice to cut liquid from."""
+    """Return a function that reads two gauges, one at a wall, and a deep lattice to cut liquid from."""
     job = make_job(GAUGES)
     probes = build_probes(job, place(job, "half").geometry)
     deep = place(make_job(GAUGES, depth=0.448), "half")
 
-    def read(position):
-        state = SimpleNamespace(position=position, kind=np.zeros(len(position), np.int8))
+    def read(position, row=None):
+        row = np.zeros(len(position), bool) if row is None else row
+        state = SimpleNamespace(position=position, kind=np.zeros(len(position), np.int8), surface=row)
         return np.array([probe.value(probe.partial(state))[0] for probe in probes])
 
     return read, deep.position[deep.kind == FLUID]
@@ -207,12 +208,27 @@ def test_disturbed_and_sloped_surface(gauges, slope):
             rise = slope * (flat[:, 0] - 0.1) + shift[1]
             moved = flat + np.stack([np.full_like(rise, shift[0]), np.zeros_like(rise), rise], axis=1)
             moved = moved + rng.normal(size=moved.shape) * [1, 0, 1] * shake * 0.004
-            level = 0.248 + shift[1] + slope * (np.array([0.1, 0.01]) - shift[0] - 0.1)
-            errors.append((read(moved) - level) / 0.004)
+            level = 0.248 + shift[1] + slope * (np.array([0.1, 0.002]) - shift[0] - 0.1)
+            errors.append((read(moved, flat[:, 2] > 0.244) - level) / 0.004)
     errors = np.array(errors)
-    assert np.abs(errors[:30]).max() < 0.1
+    # half a spacing is along the normal, here along the columns; the gauge is of a lattice with 0.8 % more
+    assert np.abs(errors[:30] - 0.5 * (np.hypot(1.0, slope) - 1.0)).max() < 0.05
     assert np.abs(errors[30:].mean(axis=0)).max() < 0.1
     assert errors[30:].std(axis=0).max() < 0.12
+
+
+def test_gauges_do_not_care_how_columns_stand(gauges):
+    """Columns crowded at the wall, as half a spacing of a wave pushes them there, and rows stretched in a crest."""
+    read, lattice = gauges
+    flat = lattice[lattice[:, 2] < 0.248]
+    row = flat[:, 2] > 0.244
+    crowded = flat - [[0.0008, 0, 0]] * np.exp(-flat[:, :1] / 0.008)
+    np.testing.assert_allclose(read(crowded, row), 0.248, atol=0.01 * 0.004)
+    sloped = crowded + [[0, 0, 0.2]] * crowded[:, :1]
+    thickness = 0.002 * np.hypot(1.0, 0.2)
+    np.testing.assert_allclose(read(sloped, row), 0.246 + thickness + 0.2 * np.array([0.1, 0.002]), atol=0.01 * 0.004)
+    crest = np.array([[0.1, 0, 0.246]]) + (flat - [[0.1, 0, 0.246]]) * [[1 / 1.2, 1, 1.2]]
+    assert read(crest, row)[0] == pytest.approx(0.248, abs=0.01 * 0.004)
 
 
 def test_gauge_beside_and_above_a_baffle():
@@ -224,7 +240,7 @@ def test_gauge_beside_and_above_a_baffle():
     np.testing.assert_allclose(values, 0.25, atol=0.1 * 0.004)
     # the other side of the baffle is dry below its tip
     left = p.position[(p.kind == FLUID) & (p.position[:, 0] < 0.4) & (p.position[:, 2] < 0.1)]
-    state = SimpleNamespace(position=left, kind=np.zeros(len(left), np.int8))
+    state = SimpleNamespace(position=left, kind=np.zeros(len(left), np.int8), surface=np.zeros(len(left), bool))
     gauge = build_probes(make_job("{name: g, kind: elevation, at: [0.405]}", baffles=POST), p.geometry)[0]
     assert gauge.value(gauge.partial(state))[0] == 0
 

@@ -52,6 +52,21 @@ def test_water_at_rest_in_two_dimensions(start):
     assert abs(sim.volume_drift()) < 1e-3
 
 
+def test_the_surface_at_rest_meets_the_walls_where_it_began(start):
+    """Particles in the corner between wall and surface are drawn nowhere: pressure and gradient have one surface."""
+    sim = start(
+        "dimension: 2\nspacing: 0.01\ntank: {size: [0.25, 0.2]}\nfluids: [{name: water, depth: 0.15}]\n"
+        "time: {end: 1.0}\n"
+    )
+    march(sim, 1.0)
+    p = sim.particles
+    row = p.position[: p.liquid][sim.work.surface[: p.liquid] != 0]
+    assert len(row) == 25
+    ends = np.sort(np.minimum(row[:, 0], 0.25 - row[:, 0]))[:2]
+    np.testing.assert_allclose(ends, 0.005, atol=0.03 * 0.01)
+    np.testing.assert_allclose(row[:, 2], 0.145, atol=0.03 * 0.01)
+
+
 def test_liquid_over_the_tip_of_a_baffle_is_not_its_surface(start):
     """On the lattice, lines of sight touch the edges of the tip."""
     sim = start(

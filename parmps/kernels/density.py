@@ -59,7 +59,7 @@ def moments(position, wet, first, last, other, strength, l0, n0, dimension, dens
     ----------
     position : (n, 3) float64, m
     wet : (n,) float64
-        Share with which neighbours count in the number density and the asymmetry: dry walls do not.
+        Share with which neighbours count in the number density, the asymmetry and the lean: dry walls do not.
     first, last, other
         Neighbour lists, as made by `find_pairs`.
     strength : (pairs,) float64, 1/m2
@@ -74,8 +74,8 @@ def moments(position, wet, first, last, other, strength, l0, n0, dimension, dens
     asymmetry : (rows, 3) float64
         Filled: F_i = D/n0 sum W (r_i - r_j)/r_ij ([002] eq. 13).
     lean : (rows, 3) float64
-        Filled: -sum W (r_j - r_i)/r_ij^2, in 1/spacings, over fluid and wall particles: what the missing
-        neighbours would add.
+        Filled: -sum W (r_j - r_i)/r_ij^2, in 1/spacings, over fluid and wet wall particles: what the missing
+        neighbours would add. Next to a wall it is upright like elsewhere in the surface, since dry walls do not count.
     matrix : (rows, 6) float64
         Filled: D/n0 sum W (r_j - r_i)(r_j - r_i)^T / r_ij^2, as xx, xy, xz, yy, yz, zz, over fluid and wall
         particles; the identity on the lattice (Duan 2018).
@@ -95,15 +95,15 @@ def moments(position, wet, first, last, other, strength, l0, n0, dimension, dens
             sx, sz = s * dx, s * dz
             fx -= r * sx
             fz -= r * sz
-            qx -= sx
-            qz -= sz
+            qx -= share * sx
+            qz -= share * sz
             xx += sx * dx
             xz += sx * dz
             zz += sz * dz
             if dimension == 3:
                 sy = s * dy
                 fy -= r * sy
-                qy -= sy
+                qy -= share * sy
                 xy += sx * dy
                 yy += sy * dy
                 yz += sy * dz

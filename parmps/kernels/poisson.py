@@ -16,6 +16,7 @@ def poisson_rows(
     position,
     kind,
     surface,
+    lean,
     link_force,
     wall_force,
     source,
@@ -63,7 +64,8 @@ def poisson_rows(
 
     In the surface, ``ghost`` closes the support with particles of zero pressure on the free surface
     above the particle (after Shibata 2015): their weight is that of the missing first moment, so that pressure-free
-    liquid stays free of pressure and liquid at rest has its pressure exactly. With surface tension they have the
+    liquid stays free of pressure and liquid at rest has its pressure exactly. They are where the gradient has them,
+    along ``lean``. With surface tension they have the
     pressure of the surface instead, so that one of constant curvature drives no current. Without them the particle's
     pressure is zero (Dirichlet), eliminated symmetrically.
 
@@ -71,6 +73,8 @@ def poisson_rows(
     ----------
     position : (n, 3) float64, m
     kind, surface : (n,) int8
+    lean : (rows, 3) float64
+        As in `moments`; used in the surface.
     link_force : (n, 3) float64, m/s2
         f of fluid particles, for links among them.
     wall_force : (n, 3) float64, m/s2
@@ -189,11 +193,15 @@ def poisson_rows(
                 mx -= w * dx
                 my -= w * dy
                 mz -= w * dz
-            w = own * max(math.sqrt(mx * mx + my * my + mz * mz) / surface_distance, n0 - total)
+            missing = math.sqrt(mx * mx + my * my + mz * mz)
+            w = own * max(missing / surface_distance, n0 - total)
             diagonal += w
             if above is not None:
                 jumps -= w * above[i]
-            flux += hx * mx + hy * my + hz * mz
+            qx, qy, qz = lean[i, 0], lean[i, 1], lean[i, 2]
+            size = math.sqrt(qx * qx + qy * qy + qz * qz)
+            if size > 0.0:
+                flux += missing / size * (hx * qx + hy * qy + hz * qz)
         if kind[i] != 0:
             # Weak links come and go with every step; with the diagonal following them down to nothing, the
             # preconditioner of an earlier step would magnify these rows. So they are held at the last
