@@ -197,7 +197,8 @@ def find_interfaces(sim):
 def find_curvature(sim):
     """Curvature of the interfaces under tension, which makes a jump of the pressure.
 
-    It is a second derivative, and the colour function and the curvature are smoothed.
+    It is a second derivative, and the colour function and the curvature are smoothed. Both sides get the same one, so
+    that a constant curvature has no slope along the interface.
     """
     w, near = sim.work, sim.work.near_interface
     links, part, reach = near.links, near.curved, sim.scheme.radius
@@ -219,6 +220,8 @@ def find_curvature(sim):
     for _ in range(SMOOTHINGS):
         sim.domain.exchange(w.bend)
         interface.smooth(*smooth, w.bend)
+    sim.domain.exchange(w.bend)
+    interface.join_sides(index, begin, links.index, links.offset, links.side, links.strength, w.bend)
     share_with_walls(sim, w.bend)
 
 

@@ -634,7 +634,9 @@ def pressure_gradient(
 
     Least squares for the acceleration a of the own liquid beyond the body force f: on a link of volume b the
     pressure says b (P_j - P_i) - f . d = a' . d', where d' is d with its part along the interface multiplied by
-    b rho_i, since P itself is continuous there. Particles of little support take part in no jump, and their own
+    b rho_i, since P itself is continuous there. Where surface tension makes it jump, the jump changes along the
+    interface: what continues the own side to the neighbour is P_j with the jump there, not that in the middle of the
+    link, which the pressure equation has. The difference acts along the interface. Particles of little support take part in no jump, and their own
     pressure hardly counts, as in `support.flow_around`.
 
     Parameters
@@ -692,6 +694,12 @@ def pressure_gradient(
                 nz = normal[i, 2] - normal[j, 2]
                 along = (dx * nx + dy * ny + dz * nz) / (nx * nx + ny * ny + nz * nz + 1e-300)
                 t = b / own
+                if tension is not None:  # from the middle of the link, where the jump is taken, to its end
+                    rest = -0.5 * tension[mine, its] * (bend[i] + bend[j]) * b * per_pressure
+                    rest *= scale * l0 * l0 * strength[k] * t
+                    gx += rest * (dx - along * nx)
+                    gy += rest * (dy - along * ny)
+                    gz += rest * (dz - along * nz)
                 dx = t * dx + (1.0 - t) * along * nx
                 dy = t * dy + (1.0 - t) * along * ny
                 dz = t * dz + (1.0 - t) * along * nz
@@ -871,3 +879,30 @@ def curvature(normal, near, begin, index, offset, image, mirror, side, strength,
         m = inverse_of(c * xx, c * xy, c * xz, c * yy, c * yz, c * zz, LINKS_FLOOR, dimension)
         trace = gxx * m[0] + gyy * m[3] + gzz * m[5] + (gxy + gyx) * m[1] + (gxz + gzx) * m[2] + (gyz + gzy) * m[4]
         out[i] = c * trace
+
+
+@compiled
+def join_sides(near, begin, index, offset, side, strength, values):
+    """Give both sides of an interface the same curvature, reversed: the mean of the own and that across by W.
+
+    That of the contours through the particles is 1 / (R - l0 / 2) on one side and 1 / (R + l0 / 2) on the other.
+
+    Parameters
+    ----------
+    near, begin, index, offset, side, strength
+        As in `normals`.
+    values : (n,) float64
+        Changed for those of the particles that have neighbours across.
+    """
+    x, y, z = offset[0], offset[1], offset[2]
+    fresh = np.empty(near.shape[0])
+    for a in range(near.shape[0]):
+        total = value = 0.0
+        for k in range(begin[a], begin[a + 1]):
+            s = strength[k] * (x[k] * x[k] + y[k] * y[k] + z[k] * z[k]) if side[k] < 0.0 else 0.0
+            total += s
+            value += s * values[index[k]]
+        here = values[near[a]]
+        fresh[a] = 0.5 * (here - value / total) if total > 0.0 else here
+    for a in range(near.shape[0]):
+        values[near[a]] = fresh[a]
