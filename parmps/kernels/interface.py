@@ -636,8 +636,8 @@ def pressure_gradient(
     pressure says b (P_j - P_i) - f . d = a' . d', where d' is d with its part along the interface multiplied by
     b rho_i, since P itself is continuous there. Where surface tension makes it jump, the jump changes along the
     interface: what continues the own side to the neighbour is P_j with the jump there, not that in the middle of the
-    link, which the pressure equation has. The difference acts along the interface. Particles of little support take part in no jump, and their own
-    pressure hardly counts, as in `support.flow_around`.
+    link, which the pressure equation has. The difference acts along the interface. Particles of little support take
+    part in no jump, and their own pressure hardly counts, as in `support.flow_around`.
 
     Parameters
     ----------
