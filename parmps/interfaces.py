@@ -7,7 +7,7 @@ damp them. So particles near an interface take their own liquid's gradients, joi
 
 import numpy as np
 
-from parmps.kernels import density, interface
+from parmps.kernels import interface
 
 OWN_FLOOR = 0.25
 """Least eigenvalue of the moment matrices over the own liquid alone; a flat interface leaves 1/2."""
@@ -38,10 +38,14 @@ class Near:
         Room for the list of the particles.
     index : (m,) int32
         The particles.
-    fraction : (count,) float64
-        Share of the own liquid in the neighbourhood; 1 away from interfaces.
+    curved : slice
+        Of the particles in ``room`` that take part in the curvature of interfaces under tension.
+    state : (count,) int8
+        0 away from interfaces, 2 near one under tension.
+    colour : (count,) float64
+        Share of the own liquid in the neighbourhood, less a half; 1/2 away from interfaces.
     normal : (count, 3) float64, 1/spacings
-        Normals out of the own liquid, as long as the fraction is steep; 0 away from interfaces.
+        Normals out of the own liquid, as long as the colour is steep; 0 away from interfaces.
     beyond : (rows, 3) float64
         First moment of the neighbours in other liquids, in 1/spacings; 0 away from interfaces.
     divergence : (rows,) float64, 1/s
@@ -50,31 +54,40 @@ class Near:
         1 where the liquids slide along each other as a sheet.
     slipping : (k,) int32
         The particles that slip and have support, as found with that.
+    links : Links
+        Of all that are listed.
     """
 
     def __init__(self, rows, count):
         self.room = np.empty(rows, np.int32)
         self.index = self.room[:0]
-        self.fraction = np.ones(count)
+        self.curved = slice(0, 0)
+        self.state = np.zeros(count, np.int8)
+        self.colour = np.full(count, 0.5)
         self.normal = np.zeros((count, 3))
         self.beyond = np.zeros((rows, 3))
         self.divergence = np.empty(rows)
         self.slips = np.zeros(count, np.int8)
         self.slipping = self.index
+        self.links = Links()
 
-    def reset(self, count):
-        """Forget the particles of the step before.
+    def forget(self):
+        """Forget the particles of the step before; the halo's come anew from the ranks that own them."""
+        self.colour[self.room[: self.curved.stop]] = 0.5
+        self.normal[self.index] = 0.0
+        self.beyond[self.index] = 0.0
+        self.slips[self.index] = 0
+
+    def list(self, lone, both, about):
+        """Number the particles in `room`.
 
         Parameters
         ----------
-        count : int
-            Number of particles near interfaces now, listed in `room`.
+        lone, both, about : int
+            Those near interfaces, those near interfaces under tension or beside such particles, and the rest of these.
         """
-        self.index = self.room[:count]
-        self.fraction[:] = 1.0
-        self.normal[:] = 0.0
-        self.beyond[:] = 0.0
-        self.slips[:] = 0
+        self.index = self.room[: lone + both]
+        self.curved = slice(lone, lone + both + about)
 
 
 def label_walls(sim):
@@ -103,103 +116,112 @@ def share_with_walls(sim, values):
 class Links:
     """Liquid neighbours of particles near interfaces or the free surface, with images behind walls.
 
-    Parameters
-    ----------
-    sim : Simulation
-    near : (m,) int32
-        The particles.
-
     Attributes
     ----------
-    begin, index, offset, image, mirror
+    begin : (m + 1,) int64
+    index, offset, image, mirror
         As made by `interface.image_links`.
-    smooth, strength
+    strength
         As made by `interface.link_weights`.
+    side, share, own
+        As made by `interface.tell_sides`, where that is called.
     """
 
-    def __init__(self, sim, near):
+    def __init__(self):
+        self._resize(0)
+
+    def _resize(self, capacity):
+        self.index, self.image = np.empty(capacity, np.int32), np.empty(capacity, np.int8)
+        self.offset = np.empty((3, capacity))
+        self.strength, self.side, self.share = np.empty((3, capacity))
+
+    def find(self, sim, near):
+        """List the links.
+
+        Parameters
+        ----------
+        sim : Simulation
+        near : (m,) int32
+            The particles.
+        """
         p, (first, last, other) = sim.particles, sim.pairs.wet
         count = len(near)
-        capacity = 2**sim.dimension * int((last[near] - first[near] + 1).sum())
-        self.begin, self.index = np.empty(count + 1, np.int64), np.empty(capacity, np.int32)
-        self.offset, self.image = np.empty((capacity, 3)), np.empty(capacity, np.int8)
-        self.mirror = np.empty((count, 3, 3))
+        most = 2**sim.dimension * int((last[near] - first[near] + 1).sum())
+        if most > len(self.index):
+            self._resize(most + most // 8)
+        self.begin, self.mirror, self.own = np.empty(count + 1, np.int64), np.empty((count, 3, 3)), np.empty(count)
         reach = sim.scheme.radius * sim.l0
-        walls = (p.normal, p.depth)
         lists = (near, first, last, other)
         into = (self.begin, self.index, self.offset, self.image, self.mirror)
-        interface.image_links(p.position, p.kind, *walls, *lists, reach, *into)
-        self.smooth, self.strength = np.empty((2, self.begin[-1]))
-        interface.link_weights(self.offset, sim.l0, sim.scheme.radius, self.smooth, self.strength)
+        interface.image_links(p.position, p.kind, p.normal, p.depth, *lists, reach, *into)
+        interface.link_weights(self.offset, self.begin[-1], sim.l0, sim.scheme.radius, self.strength)
 
-
-def smooth_fraction(sim, fraction, near, links):
-    """Smooth the fraction of the own liquid among the particles near interfaces.
-
-    Parameters
-    ----------
-    sim : Simulation
-    fraction : (n,) float64
-    near : Near
-        Has the result.
-    links : Links
-    """
-    common = (sim.particles.fluid, sim.liquids.sheet)
-    interface.smooth_fraction(*common, fraction, near.index, links.begin, links.index, links.smooth, near.fraction)
-    sim.domain.exchange(near.fraction)
-
-
-def find_normals(sim, near, links):
-    """Normals of the interfaces, from the smoothed fraction.
-
-    Parameters
-    ----------
-    sim : Simulation
-    near : Near
-        Has the fraction, and the result.
-    links : Links
-    """
-    between = (links.begin, links.index, links.offset, links.image, links.strength)
-    common = (sim.particles.fluid, sim.liquids.sheet)
-    into = (near.normal, near.beyond)
-    interface.normals(*common, near.fraction, near.index, *between, sim.l0, sim.dimension, *into)
-    sim.domain.exchange(near.normal)
+    @property
+    def images(self):
+        """What kernels that see images read."""
+        return self.begin, self.index, self.offset, self.image, self.mirror
 
 
 def find_interfaces(sim):
     """Find the particles near interfaces, and the interfaces' normals."""
-    p, near = sim.particles, sim.work.near_interface
-    near.reset(interface.find_near(*sim.pairs.lists, p.kind, p.fluid, sim.liquids.sheet, p.liquid, near.room))
-    links = Links(sim, near.index)
-    smooth_fraction(sim, near.fraction.copy(), near, links)
-    find_normals(sim, near, links)
+    p, liquids, near = sim.particles, sim.liquids, sim.work.near_interface
+    links, reach = near.links, sim.scheme.radius
+    near.forget()
+    interface.find_near(*sim.pairs.wet, p.kind, p.fluid, liquids.meeting, p.liquid, near.state)
+    if liquids.tension is None:
+        found = np.flatnonzero(near.state[: p.liquid])
+        near.room[: len(found)] = found
+        near.list(len(found), 0, 0)
+    else:
+        sim.domain.exchange(near.state)
+        near.list(*interface.list_near(*sim.pairs.wet, p.kind, near.state, p.liquid, near.room))
+    index, listed = near.index, near.room[: near.curved.stop]
+    links.find(sim, listed)
+    sides = (links.side, links.share, links.own)
+    interface.tell_sides(
+        p.fluid, liquids.sheet, listed, links.begin, links.index, links.offset, sim.l0, reach, *sides, near.colour
+    )
+    sim.domain.exchange(near.colour)
+    weights = (links.side, links.strength)
+    interface.normals(
+        near.colour, index, links.begin, links.offset, links.index, *weights, sim.l0, sim.dimension, near.normal
+    )
     limit = SLIP * sim.l0 * sim.grid_number / sim.dt
-    interface.find_slip(p.velocity, p.kind, p.fluid, sim.liquids.sheet, near.index, *sim.pairs.wet, limit, near.slips)
-    near.beyond[near.index[near.slips[near.index] == 0]] = 0.0
-    sim.domain.exchange(near.slips)
+    interface.find_slip(p.velocity, p.kind, p.fluid, liquids.sheet, index, *sim.pairs.wet, limit, near.slips)
+    interface.moment_beyond(
+        index, links.begin, links.offset, links.image, *weights, near.slips, sim.l0, near.beyond
+    )
+    sim.domain.exchange(near.normal, near.slips)
 
 
 def find_curvature(sim):
-    """Curvature of the interfaces, which surface tension makes a jump of the pressure.
+    """Curvature of the interfaces under tension, which makes a jump of the pressure.
 
-    It is a second derivative, and the colour function and the curvature are smoothed.
+    It is a second derivative, and the colour function and the curvature are smoothed. Both sides get the same one, so
+    that a constant curvature has no slope along the interface.
     """
-    p, w, near = sim.particles, sim.work, sim.work.curved
-    fraction = w.near_interface.fraction
-    near.reset(interface.widen(*sim.pairs.lists, p.kind, fraction, p.liquid, near.room))
-    links = Links(sim, near.index)
+    w, near = sim.work, sim.work.near_interface
+    links, part, reach = near.links, near.curved, sim.scheme.radius
+    index = near.room[part]
+    begin, own, mirror = links.begin[part.start : part.stop + 1], links.own[part], links.mirror[part]
+    colour = near.colour.copy()
+    smooth = (index, begin, links.index, links.share, own)
     for _ in range(SMOOTHINGS):
-        smooth_fraction(sim, fraction, near, links)
-        fraction = near.fraction.copy()
-    find_normals(sim, near, links)
-    common, between = (p.fluid, sim.liquids.sheet), (links.begin, links.index, links.offset)
+        interface.smooth(*smooth, colour)
+        sim.domain.exchange(colour)
+    normal = np.zeros_like(near.normal)
+    interface.normals(
+        colour, index, begin, links.offset, links.index, links.side, links.strength, sim.l0, sim.dimension, normal
+    )
+    sim.domain.exchange(normal)
     w.bend[:] = 0.0
-    images = (*between, links.image, links.mirror, links.strength)
-    interface.curvature(*common, near.normal, near.index, *images, sim.dimension, w.bend)
-    weights = (*between, links.strength, sim.scheme.radius)
+    images = (begin, links.index, links.offset, links.image, mirror, links.side, links.strength)
+    interface.curvature(normal, index, *images, reach, sim.dimension, links.share, own, w.bend)
     for _ in range(SMOOTHINGS):
         sim.domain.exchange(w.bend)
-        interface.smooth_curvature(*common, w.bend.copy(), near.normal, near.index, *weights, w.bend)
+        interface.smooth(*smooth, w.bend)
+    sim.domain.exchange(w.bend)
+    interface.join_sides(index, begin, links.index, links.offset, links.side, links.strength, w.bend)
     share_with_walls(sim, w.bend)
 
 
@@ -217,10 +239,7 @@ def correct_divergence(sim):
     common = (p.kind, p.fluid, near.slips, sim.liquids.sheet)
     links = (index, *sim.pairs.wet, sim.strength)
     scale = (sim.lattice.density, sim.dimension)
-    inverse = np.empty((len(index), 6))
-    interface.own_moments(p.position, *common, *links, *scale, inverse)
-    density.invert(inverse, OWN_FLOOR, sim.dimension, inverse)
-    interface.own_gradient(p.position, w.intermediate, *common, *links, inverse, *scale, w.gradient)
+    interface.own_gradient(p.position, w.intermediate, *common, *links, OWN_FLOOR, *scale, w.gradient)
     sim.domain.exchange(w.gradient)
     interface.divergence(
         p.position,
@@ -240,7 +259,6 @@ def correct_acceleration(sim):
     """Set grad P / rho where its tangential part jumps with the density, at interfaces, or support is little."""
     p, s, w, near = sim.particles, sim.scheme, sim.work, sim.work.near_interface
     index = w.weak if near is None else np.concatenate([near.slipping, w.weak])
-    inverse, sums = np.empty((len(index), 6)), np.empty((len(index), 3))
     interface.pressure_gradient(
         p.position,
         p.pressure,
@@ -257,8 +275,8 @@ def correct_acceleration(sim):
         sim.surface_distance,
         sim.lattice.density,
         sim.dimension,
-        inverse,
-        sums,
+        s.gradient_floor,
+        p.acceleration,
         sim.fluid,
         sim.liquids.volume,
         sim.liquids.tension,
@@ -266,8 +284,6 @@ def correct_acceleration(sim):
         None if near is None else near.normal,
         w.above,
     )
-    density.invert(inverse, s.gradient_floor, sim.dimension, inverse)
-    interface.solve_gradient(w.force, index, inverse, sums, p.acceleration)
 
 
 def limit_shifting(sim):
@@ -278,16 +294,18 @@ def limit_shifting(sim):
     Shifting across the interface as elsewhere slows and damps its waves; without any, particles gather in the rows
     beside it and leave a gap between them.
     """
-    p, w, near = sim.particles, sim.work, sim.work.near_interface
-    index = near.slipping
-    normal, whole = near.normal[index], w.asymmetry[index]
-    other = np.empty_like(whole)
-    links = (index, *sim.pairs.wet, sim.strength)
-    interface.asymmetry_across(
-        p.position, p.kind, p.fluid, sim.liquids.sheet, *links, sim.lattice.density, sim.dimension, other
+    p, near = sim.particles, sim.work.near_interface
+    links = (near.slipping, *sim.pairs.wet, sim.strength)
+    interface.hold_shifting(
+        p.position,
+        p.kind,
+        p.fluid,
+        sim.liquids.sheet,
+        near.normal,
+        *links,
+        SHIFT_ACROSS,
+        UNCERTAIN,
+        sim.lattice.density,
+        sim.dimension,
+        sim.work.asymmetry,
     )
-    steep2 = np.einsum("ij,ij->i", normal, normal)
-    bound = np.maximum(steep2, UNCERTAIN**2)
-    certain = (steep2 / bound)[:, None]
-    across = np.einsum("ij,ij->i", certain * other - (1.0 - SHIFT_ACROSS) * whole, normal) / bound
-    w.asymmetry[index] = whole - certain * other + across[:, None] * normal

@@ -38,6 +38,8 @@ class Liquids:
     sheet : None or (liquids, liquids) bool
         Whether the velocity jumps between two liquids: where their densities differ
         or surface tension acts; None for nowhere.
+    meeting : None or (liquids, liquids) int8
+        1 where there is a sheet, 2 where it has a tension; None for nowhere.
     tension : None or (liquids, liquids) float64, N/m
         Interfacial tension; None where all are zero.
     surface_tension : None or (liquids,) float64, N/m
@@ -50,7 +52,7 @@ class Liquids:
         self.several = len(rho) > 1
         self.density = rho
         self.reference = float(rho[0])
-        self.volume = self.share = self.tension = self.sheet = self.surface_tension = None
+        self.volume = self.share = self.tension = self.sheet = self.meeting = self.surface_tension = None
         self.capillary_rate = 0.0
         self.contrast = float(np.sqrt(rho.min() / rho.max()))
         if self.several:
@@ -62,7 +64,9 @@ class Liquids:
             if self.tension is not None:
                 sheet |= self.tension > 0.0
                 self.capillary_rate = float(np.max(self.tension / total))
-            self.sheet = sheet if sheet.any() else None
+            if sheet.any():
+                tense = False if self.tension is None else self.tension > 0.0
+                self.sheet, self.meeting = sheet, sheet.astype(np.int8) + tense
         free = np.array([fluid.surface_tension for fluid in job.fluids])
         if free.any() and not job.full:
             self.surface_tension = free

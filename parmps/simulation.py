@@ -7,7 +7,7 @@ import numpy as np
 
 from parmps.components import Floating
 from parmps.errors import DivergedError
-from parmps.interfaces import Near
+from parmps.interfaces import Links, Near
 from parmps.kernels.shifting import keep_off_walls
 from parmps.kernels.velocity import body_force, greatest_speed
 from parmps.kernels.weight import lattice
@@ -98,6 +98,8 @@ class Work:
         The particles of little support.
     above : None or (count,) float64
         Pressure on the free surface above its particles, Pa; None without surface tension there.
+    surface_links : None or Links
+        Of its particles.
     """
 
     def __init__(self, centres, rows, count, stages):
@@ -115,10 +117,11 @@ class Work:
         self.weak = np.empty(0, np.int32)
         self.bend = np.zeros(count) if "curvature" in stages else None
         self.near_interface = Near(rows, count) if "interfaces" in stages else None
-        self.curved = Near(rows, count) if "curvature" in stages else None
         smooth = "density smoothing" in stages
         self.mass_density, self.fraction = (np.empty(count), np.ones(count)) if smooth else (None, None)
-        self.above = np.zeros(count) if "surface pressure" in stages else None
+        self.above, self.surface_links = None, None
+        if "surface pressure" in stages:
+            self.above, self.surface_links = np.zeros(count), Links()
 
 
 class Simulation:
@@ -314,7 +317,7 @@ class Simulation:
     def fraction(self):
         """Share of the own liquid in each particle's neighbourhood, or None where it makes no difference: (n,)."""
         near = self.work.near_interface
-        return self.work.fraction if near is None else near.fraction
+        return self.work.fraction if near is None else near.colour + 0.5
 
     def blocks(self):
         """Room for this rank's part of the matrix.

@@ -8,7 +8,6 @@ smooth, either.
 
 import numpy as np
 
-from parmps.interfaces import Links
 from parmps.kernels import surface
 
 
@@ -19,8 +18,8 @@ def find_surface_pressure(sim):
     """
     p, w = sim.particles, sim.work
     index = np.flatnonzero((w.surface[: p.liquid] != 0) & (p.kind[: p.liquid] == 0)).astype(np.int32)
-    links = Links(sim, index)
-    images = (index, links.begin, links.index, links.offset, links.image, links.mirror, links.strength)
+    w.surface_links.find(sim, index)
+    images = (index, *w.surface_links.images, w.surface_links.strength)
     normal, bend = np.zeros((len(p), 3)), np.empty(len(index))
     surface.fit_normals(w.surface_normal, w.asymmetry, w.surface, *images, sim.dimension, normal)
     sim.domain.exchange(normal)

@@ -8,7 +8,7 @@ from parmps.kernels import viscosity
 from parmps.kernels.weight import lattice
 from parmps.liquids import Liquids
 from parmps.particles import FLUID
-from parmps.stages import smooth_density
+from parmps.stages import pressure_gradient, smooth_density
 from parmps.tank import standing_wave
 from parmps.waves import layers_of
 
@@ -186,6 +186,27 @@ def test_curvature_of_a_wave_that_stands_on_walls(start, amplitude):
     share = 2.0 * np.mean(found * np.cos(k * x[first])) / (amplitude * k * k)
     assert share == pytest.approx(1.0, abs=0.3)  # of the order of k l0
     np.testing.assert_allclose(found, wanted, atol=0.5 * amplitude * k * k)
+
+
+@pytest.mark.parametrize("upper", [1000.0, 100.0])
+def test_tension_that_changes_along_an_interface(start, upper):
+    """A jump J cos(k x) makes potential flow in both liquids, with zero pressure on top of the upper one."""
+    sim = start(two(2, 1000.0, upper, more="gravity: 0\ninterfaces: [{between: [a, b], surface_tension: 1.0}]\n"))
+    p, w, k, h = sim.particles, sim.work, 2.0 * np.pi / 0.2, 0.06
+    sim.choose_step(1.0)
+    for stage in sim.plan.solve:
+        stage.run(sim)
+        if stage.name == "curvature":
+            w.bend[:] = np.where(p.fluid == 0, 1.0, -1.0) * np.cos(k * p.position[:, 0])
+    pressure_gradient(sim)
+    own = slice(0, p.liquid)
+    x, z = p.position[own, 0], p.position[own, 2] - h
+    scale = k / (1000.0 / np.tanh(k * h) + upper * np.tanh(k * h))
+    inner = k * (h - 0.5 * sim.l0)
+    for side, wanted in ((-1.0, np.cosh(inner) / np.sinh(k * h)), (1.0, np.sinh(inner) / np.cosh(k * h))):
+        first = np.abs(z - 0.5 * side * sim.l0) < 0.1 * sim.l0
+        size = 2.0 * np.mean(p.acceleration[own][first, 0] * np.sin(k * x[first])) / scale
+        assert abs(size) == pytest.approx(wanted, rel=0.08)
 
 
 # Whole simulations

@@ -156,7 +156,7 @@ def test_only_several_liquids_have_the_stages(start):
     assert own <= set(both.seconds)
     assert not own & set(one.seconds)
     assert own <= set(dict(one.plan.left_out))
-    sharp = ("bend", "near_interface", "curved")
+    sharp = ("bend", "near_interface")
     assert not any(hasattr(getattr(both.work, name), "__len__") for name in sharp)
     assert one.work.mass_density is None
     assert one.work.fraction is None

@@ -415,7 +415,7 @@ def surface_energy(sim):
     That of interfaces is the integral of the colour's slope, which the papers' scheme has not.
     """
     w, energy = sim.work, 0.0
-    if w.curved is not None:
+    if w.bend is not None:
         slope = np.linalg.norm(w.near_interface.normal[: sim.particles.liquid], axis=1)
         area = sim.domain.sum(float(slope.sum())) * sim.l0 ** (sim.dimension - 1)
         energy += float(sim.liquids.tension.max()) * area

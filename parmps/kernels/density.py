@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+from numba import njit
 
 from parmps.kernels.compiled import compiled
 from parmps.kernels.weight import smooth_weight, spline_weight
@@ -149,11 +150,71 @@ def rotate(a, v, p, q):
 
 
 @compiled
-def invert(matrix, floor, dimension, inverse):
-    """Invert the moment matrices, their eigenvalues raised to ``floor`` at least.
+def _inverse_with_floor(xx, xy, xz, yy, yz, zz, floor):
+    """Inverse of a symmetric matrix, its eigenvalues raised to ``floor`` at least: six floats, as `inverse_of`."""
+    a, v = np.empty((3, 3)), np.zeros((3, 3))
+    a[0, 0], a[0, 1], a[0, 2] = xx, xy, xz
+    a[1, 0], a[1, 1], a[1, 2] = xy, yy, yz
+    a[2, 0], a[2, 1], a[2, 2] = xz, yz, zz
+    v[0, 0] = v[1, 1] = v[2, 2] = 1.0
+    for _ in range(5):  # converges quadratically
+        rotate(a, v, 0, 2)
+        rotate(a, v, 0, 1)
+        rotate(a, v, 1, 2)
+    ex, ey, ez = 1.0 / max(a[0, 0], floor), 1.0 / max(a[1, 1], floor), 1.0 / max(a[2, 2], floor)
+    return (
+        ex * v[0, 0] * v[0, 0] + ey * v[0, 1] * v[0, 1] + ez * v[0, 2] * v[0, 2],
+        ex * v[0, 0] * v[1, 0] + ey * v[0, 1] * v[1, 1] + ez * v[0, 2] * v[1, 2],
+        ex * v[0, 0] * v[2, 0] + ey * v[0, 1] * v[2, 1] + ez * v[0, 2] * v[2, 2],
+        ex * v[1, 0] * v[1, 0] + ey * v[1, 1] * v[1, 1] + ez * v[1, 2] * v[1, 2],
+        ex * v[1, 0] * v[2, 0] + ey * v[1, 1] * v[2, 1] + ez * v[1, 2] * v[2, 2],
+        ex * v[2, 0] * v[2, 0] + ey * v[2, 1] * v[2, 1] + ez * v[2, 2] * v[2, 2],
+    )
+
+
+@njit(inline="always")
+def inverse_of(xx, xy, xz, yy, yz, zz, floor, dimension):
+    """Inverse of a moment matrix, its eigenvalues raised to ``floor`` at least.
 
     Where neighbours are few, the correction would magnify noise, and the pressure would feed energy to the
     liquid next to a ragged surface; with bounded eigenvalues it does not.
+
+    Parameters
+    ----------
+    xx, xy, xz, yy, yz, zz : float
+        As in `moments`.
+    floor : float
+    dimension : int
+        In 2D the y axis takes no part.
+
+    Returns
+    -------
+    xx, xy, xz, yy, yz, zz : float
+    """
+    if dimension == 2:
+        yy = 1.0
+    cxx = yy * zz - yz * yz
+    cxy = xz * yz - xy * zz
+    cxz = xy * yz - xz * yy
+    determinant = xx * cxx + xy * cxy + xz * cxz
+    sx, sy, sz = xx - floor, yy - floor, zz - floor
+    minor = sx * sy - xy * xy
+    last = sz * minor + xy * (xz * yz) + xz * (xy * yz) - sx * yz * yz - sy * xz * xz
+    if sx >= 0.0 and minor >= 0.0 and last >= 0.0:  # no eigenvalue is below the floor (Sylvester)
+        return (
+            cxx / determinant,
+            cxy / determinant,
+            cxz / determinant,
+            (xx * zz - xz * xz) / determinant,
+            (xy * xz - xx * yz) / determinant,
+            (xx * yy - xy * xy) / determinant,
+        )
+    return _inverse_with_floor(xx, xy, xz, yy, yz, zz, floor)
+
+
+@compiled
+def invert(matrix, floor, dimension, inverse):
+    """Invert the moment matrices, as `inverse_of` does.
 
     Parameters
     ----------
@@ -161,48 +222,15 @@ def invert(matrix, floor, dimension, inverse):
         As in `moments`.
     floor : float
     dimension : int
-        In 2D the y axis takes no part.
     inverse : (rows, 6) float64
         Filled; may be ``matrix`` itself.
     """
-    a = np.empty((3, 3))
-    v = np.empty((3, 3))
     for i in range(matrix.shape[0]):
         xx, xy, xz = matrix[i, 0], matrix[i, 1], matrix[i, 2]
         yy, yz, zz = matrix[i, 3], matrix[i, 4], matrix[i, 5]
-        if dimension == 2:
-            yy = 1.0
-        cxx = yy * zz - yz * yz
-        cxy = xz * yz - xy * zz
-        cxz = xy * yz - xz * yy
-        determinant = xx * cxx + xy * cxy + xz * cxz
-        sx, sy, sz = xx - floor, yy - floor, zz - floor
-        minor = sx * sy - xy * xy
-        last = sz * minor + xy * (xz * yz) + xz * (xy * yz) - sx * yz * yz - sy * xz * xz
-        if sx >= 0.0 and minor >= 0.0 and last >= 0.0:  # no eigenvalue is below the floor (Sylvester)
-            inverse[i, 0] = cxx / determinant
-            inverse[i, 1] = cxy / determinant
-            inverse[i, 2] = cxz / determinant
-            inverse[i, 3] = (xx * zz - xz * xz) / determinant
-            inverse[i, 4] = (xy * xz - xx * yz) / determinant
-            inverse[i, 5] = (xx * yy - xy * xy) / determinant
-            continue
-        a[0, 0], a[0, 1], a[0, 2] = xx, xy, xz
-        a[1, 0], a[1, 1], a[1, 2] = xy, yy, yz
-        a[2, 0], a[2, 1], a[2, 2] = xz, yz, zz
-        v[:] = 0.0
-        v[0, 0] = v[1, 1] = v[2, 2] = 1.0
-        for _ in range(5):  # converges quadratically
-            rotate(a, v, 0, 2)
-            rotate(a, v, 0, 1)
-            rotate(a, v, 1, 2)
-        ex, ey, ez = 1.0 / max(a[0, 0], floor), 1.0 / max(a[1, 1], floor), 1.0 / max(a[2, 2], floor)
-        inverse[i, 0] = ex * v[0, 0] * v[0, 0] + ey * v[0, 1] * v[0, 1] + ez * v[0, 2] * v[0, 2]
-        inverse[i, 1] = ex * v[0, 0] * v[1, 0] + ey * v[0, 1] * v[1, 1] + ez * v[0, 2] * v[1, 2]
-        inverse[i, 2] = ex * v[0, 0] * v[2, 0] + ey * v[0, 1] * v[2, 1] + ez * v[0, 2] * v[2, 2]
-        inverse[i, 3] = ex * v[1, 0] * v[1, 0] + ey * v[1, 1] * v[1, 1] + ez * v[1, 2] * v[1, 2]
-        inverse[i, 4] = ex * v[1, 0] * v[2, 0] + ey * v[1, 1] * v[2, 1] + ez * v[1, 2] * v[2, 2]
-        inverse[i, 5] = ex * v[2, 0] * v[2, 0] + ey * v[2, 1] * v[2, 1] + ez * v[2, 2] * v[2, 2]
+        m = inverse_of(xx, xy, xz, yy, yz, zz, floor, dimension)
+        inverse[i, 0], inverse[i, 1], inverse[i, 2] = m[0], m[1], m[2]
+        inverse[i, 3], inverse[i, 4], inverse[i, 5] = m[3], m[4], m[5]
 
 
 @compiled

@@ -64,16 +64,19 @@ def corrected_gradient(
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
         gx = gy = gz = 0.0
         here = held_pressure(i, pressure, surface, above)
+        mine, own = 0, 1.0
+        if fluid is not None:
+            mine = fluid[i]
+            own = volume[mine, mine]
         for k in range(first[i], last[i]):
             j = other[k]
             there = held_pressure(j, pressure, surface, above)
-            s = strength[k]
-            if fluid is None:
-                s *= there - here
-            else:
+            b = own
+            if fluid is not None and fluid[j] != mine:
+                b = volume[mine, fluid[j]]
                 if tension is not None:
-                    there -= pressure_jump(tension[fluid[i], fluid[j]], bend[i], bend[j])
-                s *= volume[fluid[i], fluid[j]] * (there - here)
+                    there -= pressure_jump(tension[mine, fluid[j]], bend[i], bend[j])
+            s = strength[k] * b * (there - here)
             gx += s * (position[j, 0] - x)
             gz += s * (position[j, 2] - z)
             if dimension == 3:
@@ -82,8 +85,7 @@ def corrected_gradient(
             s = here / surface_distance
             if above is not None:
                 s = (here - above[i]) / surface_distance
-            if fluid is not None:
-                s *= volume[fluid[i], fluid[i]]
+            s *= own
             gx -= s * lean[i, 0]
             gy -= s * lean[i, 1]
             gz -= s * lean[i, 2]

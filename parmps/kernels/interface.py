@@ -6,8 +6,11 @@ import numpy as np
 from numba import njit
 
 from parmps.kernels.compiled import compiled
-from parmps.kernels.density import invert
+from parmps.kernels.density import inverse_of
 from parmps.kernels.weight import smooth_weight, weight
+
+LINKS_FLOOR = 0.2
+"""Least eigenvalue of the moment matrices of links, where the mean of the eigenvalues is 1."""
 
 
 @njit(inline="always")
@@ -93,67 +96,67 @@ def label_walls(position, first, other, kind, begin, end, fluid, nearest):
 
 
 @compiled
-def find_near(first, other, kind, fluid, sheet, rows, near):
-    """List the liquid particles that have a neighbour on the other side of an interface.
+def find_near(first, last, other, kind, fluid, meeting, rows, state):
+    """Tell the liquid particles that have a neighbour on the other side of an interface.
 
     Parameters
     ----------
-    first, other
+    first, last, other
         Neighbour lists.
     kind, fluid : (n,) int8
-    sheet : (liquids, liquids) bool
-        Whether the velocity can jump between two liquids.
+    meeting : (liquids, liquids) int8
+        Table of `Liquids`.
     rows : int
-    near : (rows,) int32
-        Filled from the start.
-
-    Returns
-    -------
-    int
-        Number of such particles.
+    state : (n,) int8
+        Filled for the rows: the greatest of ``meeting`` with their neighbours.
     """
-    count = 0
     for i in range(rows):
-        for k in range(first[i], first[i + 1]):
+        mine = fluid[i]
+        found = 0
+        for k in range(first[i], last[i]):
             j = other[k]
-            if kind[j] == 0 and sheet[fluid[i], fluid[j]]:
-                near[count] = i
-                count += 1
-                break
-    return count
+            if fluid[j] != mine and kind[j] == 0:
+                found = max(found, meeting[mine, fluid[j]])
+        state[i] = found
 
 
 @compiled
-def widen(first, other, kind, fraction, rows, near):
-    """List the liquid particles that have a neighbour near an interface, or are near one.
+def list_near(first, last, other, kind, state, rows, room):
+    """List the particles near interfaces, and those that take part in the curvature of interfaces under tension.
+
+    These are the ones near such interfaces and their neighbours.
 
     Parameters
     ----------
-    first, other
-        Neighbour lists.
-    kind : (n,) int8
-    fraction : (n,) float64
-        As made by `smooth_fraction`; 1 away from interfaces.
-    rows : int
-    near : (rows,) int32
-        Filled from the start.
+    first, last, other, kind, rows
+        As in `find_near`.
+    state : (n,) int8
+        As made by `find_near`.
+    room : (rows,) int32
+        Filled: first those that are near and take no part, then those that do both, then those that take part.
 
     Returns
     -------
-    int
-        Number of such particles.
+    int, int, int
+        How many of them there are.
     """
-    count = 0
+    part = np.zeros(rows, np.int8)
     for i in range(rows):
-        found = fraction[i] < 1.0
-        for k in range(first[i], first[i + 1]):
-            if kind[other[k]] == 0 and fraction[other[k]] < 1.0:
-                found = True
+        tense = state[i] == 2
+        for k in range(first[i], last[i] if kind[i] == 0 else first[i]):
+            if state[other[k]] == 2:
+                tense = True
                 break
-        if found and kind[i] == 0:
-            near[count] = i
-            count += 1
-    return count
+        part[i] = (2 if state[i] != 0 else 3) if tense else state[i]
+    count = 0
+    ends = np.zeros(4, np.int64)
+    for group in range(1, 4):
+        for i in range(rows):
+            if part[i] == group:
+                room[count] = i
+                count += 1
+        ends[group] = count
+    return ends[1], ends[2] - ends[1], ends[3] - ends[2]
 
 
 @compiled
@@ -180,33 +183,36 @@ def image_links(position, kind, normal, depth, near, first, last, other, reach, 
         Filled: where the links of each particle begin.
     index : (capacity,) int32
         Filled: the neighbour, or the original of the image; there are at most 8 links a neighbour.
-    offset : (capacity, 3) float64, m
+    offset : (3, capacity) float64, m
         Filled: the way to it.
     image : (capacity,) int8
         Filled: 0 for a neighbour, bit b for an image made by wall b.
     mirror : (m, 3, 3) float64
-        Filled: normals of the walls, 0 for none.
+        Filled: normals of the walls that there are.
     """
     count = 0
     begin[0] = 0
+    x, y, z = offset[0], offset[1], offset[2]
+    reach2 = reach * reach
     for a in range(near.shape[0]):
         i = near[a]
+        beside = last[i]  # walls follow the liquid
         for k in range(first[i], last[i]):
             j = other[k]
-            dx = position[j, 0] - position[i, 0]
-            dy = position[j, 1] - position[i, 1]
-            dz = position[j, 2] - position[i, 2]
-            if kind[j] == 0 and dx * dx + dy * dy + dz * dz < reach * reach:
-                index[count], image[count] = j, 0
-                offset[count, 0], offset[count, 1], offset[count, 2] = dx, dy, dz
-                count += 1
-        mirror[a] = 0.0
-        for wall in range(3):
+            if kind[j] != 0:
+                beside = k
+                break
+            x[count] = position[j, 0] - position[i, 0]
+            y[count] = position[j, 1] - position[i, 1]
+            z[count] = position[j, 2] - position[i, 2]
+            index[count], image[count] = j, 0
+            count += x[count] * x[count] + y[count] * y[count] + z[count] * z[count] < reach2
+        for wall in range(3 if beside < last[i] else 0):
             least, height = math.inf, 0.0
             n = mirror[a, wall]
-            for k in range(first[i], last[i]):
+            for k in range(beside, last[i]):
                 j = other[k]
-                if kind[j] == 0 or _parallel(normal[j], mirror[a], wall):
+                if _parallel(normal[j], mirror[a], wall):
                     continue
                 dx = position[j, 0] - position[i, 0]
                 dy = position[j, 1] - position[i, 1]
@@ -222,16 +228,15 @@ def image_links(position, kind, normal, depth, near, first, last, other, reach, 
                 dx = dy = dz = 0.0
                 original, made = i, 0
                 if k >= begin[a]:
-                    dx, dy, dz = offset[k, 0], offset[k, 1], offset[k, 2]
+                    dx, dy, dz = x[k], y[k], z[k]
                     original, made = index[k], image[k]
                 far = 2.0 * (height + dx * n[0] + dy * n[1] + dz * n[2])
                 if far < 0.1 * reach:
                     continue
                 dx, dy, dz = dx - far * n[0], dy - far * n[1], dz - far * n[2]
-                r2 = dx * dx + dy * dy + dz * dz
-                if r2 < reach * reach:
+                if dx * dx + dy * dy + dz * dz < reach2:
                     index[count], image[count] = original, made | (1 << wall)
-                    offset[count, 0], offset[count, 1], offset[count, 2] = dx, dy, dz
+                    x[count], y[count], z[count] = dx, dy, dz
                     count += 1
         begin[a + 1] = count
 
@@ -247,129 +252,176 @@ def _parallel(normal, walls, count):
 
 
 @compiled
-def link_weights(offset, l0, reach, smooth, strength):
-    """Smooth weights of links, and W / r^2, which several smoothings and gradients share.
+def link_weights(offset, count, l0, reach, strength):
+    """Weights of links over their squared lengths, W / r^2.
 
     Parameters
     ----------
-    offset : (links, 3) float64, m
+    offset : (3, capacity) float64, m
         As made by `image_links`.
+    count : int
+        Number of links.
     l0 : float
         Spacing, m.
     reach : float
         In spacings.
-    smooth : (links,) float64
-        Filled.
-    strength : (links,) float64, 1/m2
+    strength : (capacity,) float64, 1/m2
         Filled.
     """
-    for k in range(smooth.shape[0]):
-        r2 = offset[k, 0] ** 2 + offset[k, 1] ** 2 + offset[k, 2] ** 2
-        r = math.sqrt(r2) / l0
-        smooth[k], strength[k] = smooth_weight(r, reach), weight(r, reach) / r2
+    x, y, z = offset[0], offset[1], offset[2]
+    for k in range(count):
+        r2 = x[k] * x[k] + y[k] * y[k] + z[k] * z[k]
+        strength[k] = weight(math.sqrt(r2) / l0, reach) / r2
 
 
 @compiled
-def smooth_fraction(fluid, sheet, fraction, near, begin, index, smooth, out):
-    """Smooth the share of a particle's own liquid in its neighbourhood, by the smooth weight.
-
-    From 1 everywhere, as without smoothing, it makes the colour function, smoothed once.
+def tell_sides(fluid, sheet, near, begin, index, offset, l0, reach, side, share, own, colour):
+    """Tell the links across an interface, weigh all for smoothing by the smooth weight, and smooth the colour once.
 
     Parameters
     ----------
     fluid : (n,) int8
     sheet
-        As in `find_near`.
-    fraction : (n,) float64
+        Table of `Liquids`.
     near : (m,) int32
         Particles near an interface.
-    begin, index
+    begin, index, offset
         As made by `image_links`.
-    smooth : (links,) float64
-        As made by `link_weights`.
-    out : (n,) float64
-        Filled for those particles.
+    l0 : float
+        Spacing, m.
+    reach : float
+        In spacings.
+    side : (capacity,) float64
+        Filled: -1 for links to another liquid, 1 for others.
+    share : (capacity,) float64
+        Filled: what each link has in the smoothed value, negative for other liquids (see `smooth`).
+    own : (m,) float64
+        Filled: what the particle itself has.
+    colour : (n,) float64
+        Filled for those particles: the share of the own liquid in the neighbourhood, less a half. It is 1/2 away from
+        interfaces, 0 on them, and for a neighbour in another liquid the reverse of its own.
     """
+    x, y, z = offset[0], offset[1], offset[2]
+    for k in range(begin[near.shape[0]]):
+        share[k] = smooth_weight(math.sqrt(x[k] * x[k] + y[k] * y[k] + z[k] * z[k]) / l0, reach)
     for a in range(near.shape[0]):
-        i = near[a]
-        total, value = 1.0, fraction[i]
+        mine = fluid[near[a]]
+        total = value = 1.0
         for k in range(begin[a], begin[a + 1]):
-            j, w = index[k], smooth[k]
-            total += w
-            value += w * (1.0 - fraction[j] if sheet[fluid[i], fluid[j]] else fraction[j])
-        out[i] = value / total
+            side[k] = -1.0 if sheet[mine, fluid[index[k]]] else 1.0
+            total += share[k]
+            share[k] *= side[k]
+            value += share[k]
+        own[a] = 1.0 / total
+        for k in range(begin[a], begin[a + 1]):
+            share[k] *= own[a]
+        colour[near[a]] = 0.5 * own[a] * value
 
 
 @compiled
-def normals(fluid, sheet, fraction, near, begin, index, offset, image, strength, l0, dimension, out, beyond):
-    """Normals of the interface, out of each particle's own liquid, and the first moment of what lies beyond.
-
-    They are as long as the fraction of the own liquid is steep: short where they are not certain, as in the middle
-    of a thin layer.
+def smooth(near, begin, index, share, own, values):
+    """Smooth values that are reversed across interfaces: the colour function, or the curvature.
 
     Parameters
     ----------
-    fluid, sheet, near, begin, index, offset, image
-        As in `smooth_fraction` and `image_links`.
-    fraction : (n,) float64
-        As made by `smooth_fraction`; 1 away from interfaces.
-    strength : (links,) float64, 1/m2
+    near : (m,) int32
+        The particles.
+    begin, index
+        As made by `image_links`.
+    share, own
+        As made by `tell_sides` or `curvature`.
+    values : (n,) float64
+        Changed for those particles.
+    """
+    fresh = np.empty(near.shape[0])
+    for a in range(near.shape[0]):
+        value = own[a] * values[near[a]]
+        for k in range(begin[a], begin[a + 1]):
+            value += share[k] * values[index[k]]
+        fresh[a] = value
+    for a in range(near.shape[0]):
+        values[near[a]] = fresh[a]
+
+
+@compiled
+def normals(colour, near, begin, offset, index, side, strength, l0, dimension, out):
+    """Normals of the interface, out of each particle's own liquid.
+
+    They are as long as the colour function is steep: short where they are not certain, as in the middle of a thin
+    layer.
+
+    Parameters
+    ----------
+    colour : (n,) float64
+        As made by `tell_sides`.
+    near, begin, index, offset
+        As in `image_links`.
+    side : (capacity,) float64
+        As made by `tell_sides`.
+    strength : (capacity,) float64, 1/m2
         As made by `link_weights`.
     l0 : float
         Spacing, m.
     dimension : int
     out : (n, 3) float64, 1/spacings
         Filled for those particles.
-    beyond : (rows, 3) float64
-        Filled for those particles: sum W (r_j - r_i) / r_ij^2 over the other liquids, in 1/spacings.
     """
-    matrix, inverse = np.empty((1, 6)), np.empty((1, 6))
+    x, y, z = offset[0], offset[1], offset[2]
     for a in range(near.shape[0]):
         i = near[a]
-        gx = gy = gz = qx = qy = qz = 0.0
+        here = colour[i]
+        gx = gy = gz = 0.0
         xx = xy = xz = yy = yz = zz = 0.0
         for k in range(begin[a], begin[a + 1]):
-            j = index[k]
-            dx, dy, dz = offset[k, 0], offset[k, 1], offset[k, 2]
-            s = strength[k]
-            other = sheet[fluid[i], fluid[j]]
-            if other and image[k] == 0:
-                qx += s * dx
-                qy += s * dy
-                qz += s * dz
-            xx += s * dx * dx
-            xy += s * dx * dy
-            xz += s * dx * dz
-            yy += s * dy * dy
-            yz += s * dy * dz
-            zz += s * dz * dz
-            s *= fraction[i] - (1.0 - fraction[j] if other else fraction[j])
-            gx += s * dx
-            gy += s * dy
-            gz += s * dz
-        beyond[i, 0], beyond[i, 1], beyond[i, 2] = l0 * qx, l0 * qy, l0 * qz
-        out[i], total = 0.0, xx + yy + zz
+            dx, dz = x[k], z[k]
+            sx, sz = strength[k] * dx, strength[k] * dz
+            drop = here - side[k] * colour[index[k]]
+            xx += sx * dx
+            xz += sx * dz
+            zz += sz * dz
+            gx += drop * sx
+            gz += drop * sz
+            if dimension == 3:
+                dy = y[k]
+                sy = strength[k] * dy
+                xy += sx * dy
+                yy += sy * dy
+                yz += sy * dz
+                gy += drop * sy
+        total = xx + yy + zz
         if total == 0.0:
+            out[i, 0] = out[i, 1] = out[i, 2] = 0.0
             continue
-        matrix[0, 0], matrix[0, 1], matrix[0, 2] = xx, xy, xz
-        matrix[0, 3], matrix[0, 4], matrix[0, 5] = yy, yz, zz
-        matrix *= dimension / total
-        invert(matrix, 0.2, dimension, inverse)
-        m, scale = inverse[0], l0 * dimension / total
-        out[i, 0] = scale * (m[0] * gx + m[1] * gy + m[2] * gz)
-        out[i, 1] = scale * (m[1] * gx + m[3] * gy + m[4] * gz)
-        out[i, 2] = scale * (m[2] * gx + m[4] * gy + m[5] * gz)
+        c = dimension / total
+        m = inverse_of(c * xx, c * xy, c * xz, c * yy, c * yz, c * zz, LINKS_FLOOR, dimension)
+        c *= l0
+        out[i, 0] = c * (m[0] * gx + m[1] * gy + m[2] * gz)
+        out[i, 1] = c * (m[1] * gx + m[3] * gy + m[4] * gz)
+        out[i, 2] = c * (m[2] * gx + m[4] * gy + m[5] * gz)
 
 
-@njit(inline="always")
-def add_moment(matrix, s, dx, dy, dz):
-    """Add s d d^T to a matrix of moments: (6,) float64."""
-    matrix[0] += s * dx * dx
-    matrix[1] += s * dx * dy
-    matrix[2] += s * dx * dz
-    matrix[3] += s * dy * dy
-    matrix[4] += s * dy * dz
-    matrix[5] += s * dz * dz
+@compiled
+def moment_beyond(near, begin, offset, image, side, strength, slips, l0, out):
+    """First moment of what lies beyond the interface, where the liquids slip.
+
+    Parameters
+    ----------
+    near, begin, offset, image, side, strength, l0
+        As in `normals`.
+    slips : (n,) int8
+        As made by `find_slip`.
+    out : (rows, 3) float64
+        Filled for those particles: sum W (r_j - r_i) / r_ij^2 over the other liquids, in 1/spacings.
+    """
+    for a in range(near.shape[0]):
+        i = near[a]
+        qx = qy = qz = 0.0
+        for k in range(begin[a], begin[a + 1] if slips[i] else begin[a]):
+            s = strength[k] if side[k] < 0.0 and image[k] == 0 else 0.0
+            qx += s * offset[0, k]
+            qy += s * offset[1, k]
+            qz += s * offset[2, k]
+        out[i, 0], out[i, 1], out[i, 2] = l0 * qx, l0 * qy, l0 * qz
 
 
 @compiled
@@ -387,105 +439,93 @@ def find_slip(velocity, kind, fluid, sheet, near, first, last, other, limit, sli
         Filled for those particles: 1 where the difference is no greater.
     """
     for i in near:
+        mine = fluid[i]
         ox, oy, oz = velocity[i, 0], velocity[i, 1], velocity[i, 2]
         bx = by = bz = 0.0
-        within, across = 1, 0
-        for k in range(first[i], last[i]):
+        within, across = 1.0, 0.0
+        for k in range(first[i], last[i]):  # without branches, which could not be predicted
             j = other[k]
-            if kind[j] != 0:
-                continue
-            if sheet[fluid[i], fluid[j]]:
-                bx += velocity[j, 0]
-                by += velocity[j, 1]
-                bz += velocity[j, 2]
-                across += 1
-            else:
-                ox += velocity[j, 0]
-                oy += velocity[j, 1]
-                oz += velocity[j, 2]
-                within += 1
-        a, b = 1.0 / within, 1.0 / max(across, 1)
+            liquid = 1.0 if kind[j] == 0 else 0.0
+            theirs = liquid if sheet[mine, fluid[j]] else 0.0
+            ours = liquid - theirs
+            u, v, w = velocity[j, 0], velocity[j, 1], velocity[j, 2]
+            across += theirs
+            bx += theirs * u
+            by += theirs * v
+            bz += theirs * w
+            within += ours
+            ox += ours * u
+            oy += ours * v
+            oz += ours * w
+        a, b = 1.0 / within, 1.0 / max(across, 1.0)
         slips[i] = _length(a * ox - b * bx, a * oy - b * by, a * oz - b * bz) <= limit
 
 
 @compiled
-def own_moments(position, kind, fluid, slips, sheet, near, first, last, other, strength, n0, dimension, matrix):
-    """Moment matrices over the neighbours in a particle's own liquid and walls, as in `moments`.
-
-    Parameters
-    ----------
-    position, kind, fluid, first, last, other, strength
-        As in `moments`.
-    slips : (n,) int8
-        As made by `find_slip`; other liquids count as the own one unless both particles slip.
-    sheet : (liquids, liquids) bool
-        Whether the velocity can jump between two liquids.
-    near : (m,) int32
-        The particles, all of which slip.
-    n0 : float
-    dimension : int
-    matrix : (m, 6) float64
-        Filled.
-    """
-    scale = dimension / n0
-    for a in range(near.shape[0]):
-        i = near[a]
-        xx = xy = xz = yy = yz = zz = 0.0
-        for k in range(first[i], last[i]):
-            j = other[k]
-            if kind[j] == 0 and slips[j] != 0 and sheet[fluid[i], fluid[j]]:
-                continue
-            dx = position[j, 0] - position[i, 0]
-            dy = position[j, 1] - position[i, 1]
-            dz = position[j, 2] - position[i, 2]
-            s = scale * strength[k]
-            xx += s * dx * dx
-            xy += s * dx * dy
-            xz += s * dx * dz
-            yy += s * dy * dy
-            yz += s * dy * dz
-            zz += s * dz * dz
-        matrix[a, 0], matrix[a, 1], matrix[a, 2] = xx, xy, xz
-        matrix[a, 3], matrix[a, 4], matrix[a, 5] = yy, yz, zz
-
-
-@compiled
 def own_gradient(
-    position, velocity, kind, fluid, slips, sheet, near, first, last, other, strength, inverse, n0, dimension, out
+    position, velocity, kind, fluid, slips, sheet, near, first, last, other, strength, floor, n0, dimension, out
 ):
     """Gradient of the velocity of a particle's own liquid, which can jump at the interface.
 
     Parameters
     ----------
-    position, kind, fluid, slips, sheet, near, first, last, other, strength, n0, dimension
-        As in `own_moments`.
-    velocity : (n, 3) float64, m/s
-    inverse : (m, 6) float64
-        Inverse of those moments.
+    position, velocity, kind, fluid, first, last, other, strength
+        As in `velocity_gradient`.
+    slips : (n,) int8
+        As made by `find_slip`; other liquids count as the own one unless both particles slip.
+    sheet
+        Table of `Liquids`.
+    near : (m,) int32
+        The particles, all of which slip.
+    floor : float
+        Least eigenvalue of the moment matrices.
+    n0 : float
+    dimension : int
     out : (n, 9) float64, 1/s
         Filled for those particles, as in `velocity_gradient`.
     """
     scale = dimension / n0
-    g = np.empty((3, 3))
-    d = np.empty(3)
-    for a in range(near.shape[0]):
-        i = near[a]
-        g[:] = 0.0
+    for i in near:
+        x, y, z = position[i, 0], position[i, 1], position[i, 2]
+        u, v, w = velocity[i, 0], velocity[i, 1], velocity[i, 2]
+        mine = fluid[i]
+        xx = xy = xz = yy = yz = zz = 0.0
+        uxx = uxy = uxz = vxx = vxy = vxz = wxx = wxy = wxz = 0.0
         for k in range(first[i], last[i]):
             j = other[k]
-            if kind[j] == 0 and slips[j] != 0 and sheet[fluid[i], fluid[j]]:
-                continue
-            s = scale * strength[k]
-            for b in range(3):
-                d[b] = position[j, b] - position[i, b]
-            for b in range(3):
-                for c in range(3):
-                    g[b, c] += s * (velocity[j, b] - velocity[i, b]) * d[c]
-        m = inverse[a]
-        for b in range(3):
-            out[i, 3 * b] = g[b, 0] * m[0] + g[b, 1] * m[1] + g[b, 2] * m[2]
-            out[i, 3 * b + 1] = g[b, 0] * m[1] + g[b, 1] * m[3] + g[b, 2] * m[4]
-            out[i, 3 * b + 2] = g[b, 0] * m[2] + g[b, 1] * m[4] + g[b, 2] * m[5]
+            across = (kind[j] == 0) & (slips[j] != 0) & sheet[mine, fluid[j]]
+            s = 0.0 if across else scale * strength[k]
+            dx, dz = position[j, 0] - x, position[j, 2] - z
+            du, dw = velocity[j, 0] - u, velocity[j, 2] - w
+            sx, sz = s * dx, s * dz
+            xx += sx * dx
+            xz += sx * dz
+            zz += sz * dz
+            uxx += du * sx
+            uxz += du * sz
+            wxx += dw * sx
+            wxz += dw * sz
+            if dimension == 3:
+                dy, dv = position[j, 1] - y, velocity[j, 1] - v
+                sy = s * dy
+                xy += sx * dy
+                yy += sy * dy
+                yz += sy * dz
+                uxy += du * sy
+                vxx += dv * sx
+                vxy += dv * sy
+                vxz += dv * sz
+                wxy += dw * sy
+        mxx, mxy, mxz, myy, myz, mzz = inverse_of(xx, xy, xz, yy, yz, zz, floor, dimension)
+        out[i, 0] = uxx * mxx + uxy * mxy + uxz * mxz
+        out[i, 1] = uxx * mxy + uxy * myy + uxz * myz
+        out[i, 2] = uxx * mxz + uxy * myz + uxz * mzz
+        out[i, 3] = vxx * mxx + vxy * mxy + vxz * mxz
+        out[i, 4] = vxx * mxy + vxy * myy + vxz * myz
+        out[i, 5] = vxx * mxz + vxy * myz + vxz * mzz
+        out[i, 6] = wxx * mxx + wxy * mxy + wxz * mxz
+        out[i, 7] = wxx * mxy + wxy * myy + wxz * myz
+        out[i, 8] = wxx * mxz + wxy * myz + wxz * mzz
 
 
 @compiled
@@ -581,8 +621,8 @@ def pressure_gradient(
     surface_distance,
     n0,
     dimension,
-    matrix,
-    sums,
+    floor,
+    out,
     fluid=None,
     volume=None,
     tension=None,
@@ -590,12 +630,14 @@ def pressure_gradient(
     normal=None,
     above=None,
 ):
-    """Sums for grad P / rho at an interface, where its tangential part jumps with the density.
+    """Acceleration grad P / rho at an interface, where its tangential part jumps with the density.
 
     Least squares for the acceleration a of the own liquid beyond the body force f: on a link of volume b the
     pressure says b (P_j - P_i) - f . d = a' . d', where d' is d with its part along the interface multiplied by
-    b rho_i, since P itself is continuous there. Particles of little support take part in no jump, and their own
-    pressure hardly counts, as in `support.flow_around`.
+    b rho_i, since P itself is continuous there. Where surface tension makes it jump, the jump changes along the
+    interface: what continues the own side to the neighbour is P_j with the jump there, not that in the middle of the
+    link, which the pressure equation has. The difference acts along the interface. Particles of little support take
+    part in no jump, and their own pressure hardly counts, as in `support.flow_around`.
 
     Parameters
     ----------
@@ -612,10 +654,10 @@ def pressure_gradient(
         Of the liquid, or the reference density of ``volume``.
     support : (n,) float64
         1 but for particles of little support.
-    matrix : (m, 6) float64
-        Filled: moments.
-    sums : (m, 3) float64
-        Filled: right-hand sides.
+    floor : float
+        Least eigenvalue of the moment matrices.
+    out : (n, 3) float64, m/s2
+        Filled for those particles.
     fluid, volume, tension, bend
         As in `poisson_rows`.
     normal : None or (n, 3) float64
@@ -624,31 +666,40 @@ def pressure_gradient(
         As in `poisson_rows`.
     """
     scale = dimension / n0
-    for a in range(near.shape[0]):
-        i = near[a]
+    per, per_pressure = 1.0 / l0, 1.0 / (density * l0)
+    for i in near:
         xx = xy = xz = yy = yz = zz = gx = gy = gz = mx = my = mz = mean = 0.0
         total = 1e-300
         here = held_pressure(i, pressure, surface, above)
         own = b = 1.0
+        mine = its = 0
         if fluid is not None:
-            own = volume[fluid[i], fluid[i]]
+            mine = fluid[i]
+            own = volume[mine, mine]
         for k in range(first[i], last[i]):
             j = other[k]
-            dx = (position[j, 0] - position[i, 0]) / l0
-            dy = (position[j, 1] - position[i, 1]) / l0
-            dz = (position[j, 2] - position[i, 2]) / l0
+            dx = (position[j, 0] - position[i, 0]) * per
+            dy = (position[j, 1] - position[i, 1]) * per
+            dz = (position[j, 2] - position[i, 2]) * per
             there = held_pressure(j, pressure, surface, above)
-            if tension is not None:
-                there -= pressure_jump(tension[fluid[i], fluid[j]], bend[i], bend[j])
             if fluid is not None:
-                b = volume[fluid[i], fluid[j]]
-            q = b * (there - here) / (density * l0) - force[i, 0] * dx - force[i, 1] * dy - force[i, 2] * dz
-            if normal is not None and kind[j] == 0 and fluid[i] != fluid[j] and support[i] == 1.0:
+                its = fluid[j]
+                b = volume[mine, its]
+                if tension is not None and mine != its:
+                    there -= pressure_jump(tension[mine, its], bend[i], bend[j])
+            q = b * (there - here) * per_pressure - force[i, 0] * dx - force[i, 1] * dy - force[i, 2] * dz
+            if normal is not None and kind[j] == 0 and mine != its and support[i] == 1.0:
                 nx = normal[i, 0] - normal[j, 0]
                 ny = normal[i, 1] - normal[j, 1]
                 nz = normal[i, 2] - normal[j, 2]
                 along = (dx * nx + dy * ny + dz * nz) / (nx * nx + ny * ny + nz * nz + 1e-300)
                 t = b / own
+                if tension is not None:  # from the middle of the link, where the jump is taken, to its end
+                    rest = -0.5 * tension[mine, its] * (bend[i] + bend[j]) * b * per_pressure
+                    rest *= scale * l0 * l0 * strength[k] * t
+                    gx += rest * (dx - along * nx)
+                    gy += rest * (dy - along * ny)
+                    gz += rest * (dz - along * nz)
                 dx = t * dx + (1.0 - t) * along * nx
                 dy = t * dy + (1.0 - t) * along * ny
                 dz = t * dz + (1.0 - t) * along * nz
@@ -690,64 +741,64 @@ def pressure_gradient(
             yy += s * qy * qy
             yz += s * qy * qz
             zz += s * qz * qz
-        matrix[a, 0], matrix[a, 1], matrix[a, 2] = xx, xy, xz
-        matrix[a, 3], matrix[a, 4], matrix[a, 5] = yy, yz, zz
         free = (1.0 - support[i]) / total
-        add_moment(matrix[a], -free, mx, my, mz)
-        sums[a, 0], sums[a, 1], sums[a, 2] = gx - free * mean * mx, gy - free * mean * my, gz - free * mean * mz
+        xx, xy, xz = xx - free * mx * mx, xy - free * mx * my, xz - free * mx * mz
+        yy, yz, zz = yy - free * my * my, yz - free * my * mz, zz - free * mz * mz
+        gx, gy, gz = gx - free * mean * mx, gy - free * mean * my, gz - free * mean * mz
+        m = inverse_of(xx, xy, xz, yy, yz, zz, floor, dimension)
+        out[i, 0] = force[i, 0] + m[0] * gx + m[1] * gy + m[2] * gz
+        out[i, 1] = force[i, 1] + m[1] * gx + m[3] * gy + m[4] * gz
+        out[i, 2] = force[i, 2] + m[2] * gx + m[4] * gy + m[5] * gz
 
 
 @compiled
-def asymmetry_across(position, kind, fluid, sheet, near, first, last, other, strength, n0, dimension, out):
-    """Part of the asymmetry, as in `moments`, that the neighbours in other liquids make.
+def hold_shifting(
+    position, kind, fluid, sheet, normal, near, first, last, other, strength, share, uncertain, n0, dimension, asymmetry
+):
+    """Leave of the asymmetry, as in `moments`, what the own liquid makes along the interface, and a share across it.
 
     Parameters
     ----------
     position, kind, fluid, sheet, near, first, last, other, strength, n0, dimension
-        As in `own_moments`.
-    out : (m, 3) float64
-        Filled.
+        As in `own_gradient`.
+    normal : (n, 3) float64
+        As made by `normals`.
+    share : float
+        That share.
+    uncertain : float
+        Length of a normal below which it says little: the other liquid counts, too, and across it there is more.
+    asymmetry : (n, 3) float64
+        Changed for those particles.
     """
     scale = dimension / n0
-    for a in range(near.shape[0]):
-        i = near[a]
-        x = y = z = 0.0
+    for i in near:
+        mine = fluid[i]
+        ox = oy = oz = 0.0
         for k in range(first[i], last[i]):
             j = other[k]
-            if kind[j] != 0 or not sheet[fluid[i], fluid[j]]:
-                continue
             dx = position[j, 0] - position[i, 0]
             dy = position[j, 1] - position[i, 1]
             dz = position[j, 2] - position[i, 2]
-            s = scale * strength[k] * _length(dx, dy, dz)
-            x -= s * dx
-            y -= s * dy
-            z -= s * dz
-        out[a, 0], out[a, 1], out[a, 2] = x, y, z
+            beyond = (kind[j] == 0) & sheet[mine, fluid[j]]
+            s = scale * strength[k] * _length(dx, dy, dz) if beyond else 0.0
+            ox -= s * dx
+            oy -= s * dy
+            oz -= s * dz
+        nx, ny, nz = normal[i, 0], normal[i, 1], normal[i, 2]
+        wx, wy, wz = asymmetry[i, 0], asymmetry[i, 1], asymmetry[i, 2]
+        steep2 = nx * nx + ny * ny + nz * nz
+        bound = max(steep2, uncertain * uncertain)
+        certain = steep2 / bound
+        ox, oy, oz = certain * ox, certain * oy, certain * oz
+        held = 1.0 - share
+        along = ((ox - held * wx) * nx + (oy - held * wy) * ny + (oz - held * wz) * nz) / bound
+        asymmetry[i, 0] = wx - ox + along * nx
+        asymmetry[i, 1] = wy - oy + along * ny
+        asymmetry[i, 2] = wz - oz + along * nz
 
 
 @compiled
-def solve_gradient(force, near, inverse, sums, out):
-    """Acceleration by the pressure: the body force and what the least squares of `pressure_gradient` add.
-
-    Parameters
-    ----------
-    force : (n, 3) float64, m/s2
-    near : (m,) int32
-    inverse : (m, 6) float64
-    sums : (m, 3) float64
-    out : (n, 3) float64, m/s2
-        Filled for those particles.
-    """
-    for a in range(near.shape[0]):
-        i, m, g = near[a], inverse[a], sums[a]
-        out[i, 0] = force[i, 0] + m[0] * g[0] + m[1] * g[1] + m[2] * g[2]
-        out[i, 1] = force[i, 1] + m[1] * g[0] + m[3] * g[1] + m[4] * g[2]
-        out[i, 2] = force[i, 2] + m[2] * g[0] + m[4] * g[1] + m[5] * g[2]
-
-
-@compiled
-def curvature(fluid, sheet, normal, near, begin, index, offset, image, mirror, strength, dimension, out):
+def curvature(normal, near, begin, index, offset, image, mirror, side, strength, reach, dimension, share, own, out):
     """Curvature of the interface near each particle, div n with n out of its own liquid; positive where it is convex.
 
     The divergence of the unit normal is a least-squares fit to the neighbours near the interface, those of other
@@ -756,88 +807,102 @@ def curvature(fluid, sheet, normal, near, begin, index, offset, image, mirror, s
 
     Parameters
     ----------
-    fluid, sheet, near, begin, index, offset, image, mirror, strength
-        As in `normals` and `image_links`.
     normal : (n, 3) float64
         As made by `normals`; 0 away from interfaces.
+    near, begin, index, offset, image, mirror, side, strength
+        As in `normals` and `image_links`.
+    reach : float
+        In spacings.
     dimension : int
+    share, own
+        Filled: weights to smooth the curvature with, by W and the steepness (see `smooth`).
     out : (n,) float64, 1/m
         Filled for those particles.
     """
-    matrix, inverse = np.empty((1, 6)), np.empty((1, 6))
+    x, y, z = offset[0], offset[1], offset[2]
+    middle = weight(0.0, reach)
     for a in range(near.shape[0]):
         i = near[a]
         gxx = gxy = gxz = gyx = gyy = gyz = gzx = gzy = gzz = 0.0
         xx = xy = xz = yy = yz = zz = 0.0
-        size = 1.0 / (_length(normal[i, 0], normal[i, 1], normal[i, 2]) + 1e-300)
+        steep = _length(normal[i, 0], normal[i, 1], normal[i, 2])
+        size = 1.0 / (steep + 1e-300)
         ox, oy, oz = size * normal[i, 0], size * normal[i, 1], size * normal[i, 2]
+        own[a] = middle * steep
+        weights = own[a] + 1e-300
         for k in range(begin[a], begin[a + 1]):
             j = index[k]
             nx, ny, nz = normal[j, 0], normal[j, 1], normal[j, 2]
             steep = _length(nx, ny, nz)
-            if steep == 0.0:
-                continue
-            size = -1.0 / steep if sheet[fluid[i], fluid[j]] else 1.0 / steep
+            s = steep * strength[k]
+            dx, dz = x[k], z[k]
+            sx, sz = s * dx, s * dz
+            r2 = sx * dx + sz * dz
+            size = side[k] / (steep + 1e-300)
             nx, ny, nz = size * nx, size * ny, size * nz
             if image[k] != 0:
                 for wall in range(3):
                     if image[k] & (1 << wall):
                         mx, my, mz = mirror[a, wall, 0], mirror[a, wall, 1], mirror[a, wall, 2]
-                        across = 2.0 * (nx * mx + ny * my + nz * mz)
-                        nx, ny, nz = nx - across * mx, ny - across * my, nz - across * mz
-            nx, ny, nz = nx - ox, ny - oy, nz - oz
-            s = steep * strength[k]
-            dx, dy, dz = offset[k, 0], offset[k, 1], offset[k, 2]
-            sx, sy, sz = s * dx, s * dy, s * dz
+                        back = 2.0 * (nx * mx + ny * my + nz * mz)
+                        nx, ny, nz = nx - back * mx, ny - back * my, nz - back * mz
+            nx, nz = nx - ox, nz - oz
             gxx += nx * sx
-            gxy += nx * sy
             gxz += nx * sz
-            gyx += ny * sx
-            gyy += ny * sy
-            gyz += ny * sz
             gzx += nz * sx
-            gzy += nz * sy
             gzz += nz * sz
             xx += dx * sx
-            xy += dx * sy
             xz += dx * sz
-            yy += dy * sy
-            yz += dy * sz
             zz += dz * sz
-        out[i], total = 0.0, xx + yy + zz
+            if dimension == 3:
+                dy, ny = y[k], ny - oy
+                sy = s * dy
+                r2 += sy * dy
+                gxy += nx * sy
+                gyx += ny * sx
+                gyy += ny * sy
+                gyz += ny * sz
+                gzy += nz * sy
+                xy += dx * sy
+                yy += dy * sy
+                yz += dy * sz
+            share[k] = side[k] * r2
+            weights += r2
+        own[a] /= weights
+        for k in range(begin[a], begin[a + 1]):
+            share[k] /= weights
+        total = xx + yy + zz
         if total == 0.0:
+            out[i] = 0.0
             continue
-        matrix[0, 0], matrix[0, 1], matrix[0, 2] = xx, xy, xz
-        matrix[0, 3], matrix[0, 4], matrix[0, 5] = yy, yz, zz
-        matrix *= dimension / total
-        invert(matrix, 0.2, dimension, inverse)
-        m = inverse[0]
+        c = dimension / total
+        m = inverse_of(c * xx, c * xy, c * xz, c * yy, c * yz, c * zz, LINKS_FLOOR, dimension)
         trace = gxx * m[0] + gyy * m[3] + gzz * m[5] + (gxy + gyx) * m[1] + (gxz + gzx) * m[2] + (gyz + gzy) * m[4]
-        out[i] = trace * dimension / total
+        out[i] = c * trace
 
 
 @compiled
-def smooth_curvature(fluid, sheet, bend, normal, near, begin, index, offset, strength, reach, out):
-    """Mean of the curvature over the neighbourhood, weighted by the steepness of the colour function.
+def join_sides(near, begin, index, offset, side, strength, values):
+    """Give both sides of an interface the same curvature, reversed: the mean of the own and that across by W.
+
+    That of the contours through the particles is 1 / (R - l0 / 2) on one side and 1 / (R + l0 / 2) on the other.
 
     Parameters
     ----------
-    fluid, sheet, normal, near, begin, index, offset, strength
-        As in `curvature`.
-    bend : (n,) float64, 1/m
-    reach : float
-        In spacings.
-    out : (n,) float64, 1/m
-        Filled for those particles.
+    near, begin, index, offset, side, strength
+        As in `normals`.
+    values : (n,) float64
+        Changed for those of the particles that have neighbours across.
     """
+    x, y, z = offset[0], offset[1], offset[2]
+    fresh = np.empty(near.shape[0])
     for a in range(near.shape[0]):
-        i = near[a]
-        total = weight(0.0, reach) * _length(normal[i, 0], normal[i, 1], normal[i, 2])
-        value = total * bend[i]
+        total = value = 0.0
         for k in range(begin[a], begin[a + 1]):
-            j = index[k]
-            s = strength[k] * (offset[k, 0] ** 2 + offset[k, 1] ** 2 + offset[k, 2] ** 2)
-            s *= _length(normal[j, 0], normal[j, 1], normal[j, 2])
+            s = strength[k] * (x[k] * x[k] + y[k] * y[k] + z[k] * z[k]) if side[k] < 0.0 else 0.0
             total += s
-            value += -s * bend[j] if sheet[fluid[i], fluid[j]] else s * bend[j]
-        out[i] = value / (total + 1e-300)
+            value += s * values[index[k]]
+        here = values[near[a]]
+        fresh[a] = 0.5 * (here - value / total) if total > 0.0 else here
+    for a in range(near.shape[0]):
+        values[near[a]] = fresh[a]

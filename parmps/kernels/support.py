@@ -1,9 +1,20 @@
 """Particles of little support: the mass around them, and the flow around them."""
 
 import numpy as np
+from numba import njit
 
 from parmps.kernels.compiled import compiled
-from parmps.kernels.interface import add_moment
+
+
+@njit(inline="always")
+def add_moment(matrix, s, dx, dy, dz):
+    """Add s d d^T to a matrix of moments: (6,) float64."""
+    matrix[0] += s * dx * dx
+    matrix[1] += s * dx * dy
+    matrix[2] += s * dx * dz
+    matrix[3] += s * dy * dy
+    matrix[4] += s * dy * dz
+    matrix[5] += s * dz * dz
 
 
 @compiled

@@ -2,11 +2,10 @@
 
 import math
 
-import numpy as np
 from numba import njit
 
 from parmps.kernels.compiled import compiled
-from parmps.kernels.density import invert
+from parmps.kernels.density import inverse_of
 
 FLOOR = 0.2
 """Least eigenvalue of the moment matrices; 1 along an even surface."""
@@ -41,13 +40,13 @@ def fit_normals(guess, asymmetry, surface, near, begin, index, offset, image, mi
         Particles in the surface.
     begin, index, offset, image, mirror
         As made by `interface.image_links`.
-    strength : (links,) float64, 1/m2
+    strength : (capacity,) float64, 1/m2
         As made by `interface.link_weights`.
     dimension : int
     out : (n, 3) float64
         Filled for those particles: unit normals out of the liquid.
     """
-    matrix, inverse = np.empty((1, 6)), np.empty((1, 6))
+    x, y, z = offset[0], offset[1], offset[2]
     for a in range(near.shape[0]):
         i = near[a]
         nx, ny, nz = guess[i, 0], guess[i, 1], guess[i, 2]
@@ -61,7 +60,7 @@ def fit_normals(guess, asymmetry, surface, near, begin, index, offset, image, mi
             ax, ay, az = _mirrored(asymmetry[j, 0], asymmetry[j, 1], asymmetry[j, 2], image[k], mirror[a])
             if ax * nx + ay * ny + az * nz <= 0.0:
                 continue
-            dx, dy, dz = offset[k, 0], offset[k, 1], offset[k, 2]
+            dx, dy, dz = x[k], y[k], z[k]
             s = strength[k] * (dx * dx + dy * dy + dz * dz)
             h = dx * nx + dy * ny + dz * nz
             dx, dy, dz = dx - h * nx, dy - h * ny, dz - h * nz
@@ -86,11 +85,9 @@ def fit_normals(guess, asymmetry, surface, near, begin, index, offset, image, mi
         scale, f = (dimension - 1) / size, 1.0 / total
         gx, gy, gz = gx - f * mh * mx, gy - f * mh * my, gz - f * mh * mz
         gx, gy, gz = scale * gx, scale * gy, scale * gz
-        matrix[0, 0], matrix[0, 1], matrix[0, 2] = xx - f * mx * mx, xy - f * mx * my, xz - f * mx * mz
-        matrix[0, 3], matrix[0, 4], matrix[0, 5] = yy - f * my * my, yz - f * my * mz, zz - f * mz * mz
-        matrix *= scale
-        invert(matrix, FLOOR, dimension, inverse)
-        m = inverse[0]
+        xx, xy, xz = scale * (xx - f * mx * mx), scale * (xy - f * mx * my), scale * (xz - f * mx * mz)
+        yy, yz, zz = scale * (yy - f * my * my), scale * (yz - f * my * mz), scale * (zz - f * mz * mz)
+        m = inverse_of(xx, xy, xz, yy, yz, zz, FLOOR, dimension)
         nx -= m[0] * gx + m[1] * gy + m[2] * gz
         ny -= m[1] * gx + m[3] * gy + m[4] * gz
         nz -= m[2] * gx + m[4] * gy + m[5] * gz
@@ -128,7 +125,7 @@ def curvature(normal, near, begin, index, offset, image, mirror, strength, dista
                 continue
             mx, my, mz = x + ox, y + oy, z + oz
             x, y, z = x - ox, y - oy, z - oz
-            dx, dy, dz = offset[k, 0] + distance * x, offset[k, 1] + distance * y, offset[k, 2] + distance * z
+            dx, dy, dz = offset[0, k] + distance * x, offset[1, k] + distance * y, offset[2, k] + distance * z
             up = (dx * mx + dy * my + dz * mz) / (mx * mx + my * my + mz * mz)
             dx, dy, dz = dx - up * mx, dy - up * my, dz - up * mz
             s = strength[k]

@@ -64,26 +64,26 @@ def add_viscosity(
         As in `poisson_rows`.
     """
     scale = dt * 2.0 * dimension / (n0 * lam * l0 * l0)
-    own = its = 0
+    own = 0
     for i in range(rows):
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
         vx, vy, vz = velocity[i, 0], velocity[i, 1], velocity[i, 2]
         ax = ay = az = 0.0
         if fluid is not None:
             own = fluid[i]
+        alike = viscosity[own, own]
         for k in range(first[i], last[i]):
             j = other[k]
             dx, dy, dz = position[j, 0] - x, position[j, 1] - y, position[j, 2] - z
             w = strength[k] * (dx * dx + dy * dy + dz * dz)
             if kind[j] == 0:
-                if fluid is not None:
-                    its = fluid[j]
-                w *= viscosity[own, its]
+                w *= viscosity[own, fluid[j]] if fluid is not None and fluid[j] != own else alike
                 ax += w * (velocity[j, 0] - vx)
-                ay += w * (velocity[j, 1] - vy)
                 az += w * (velocity[j, 2] - vz)
+                if dimension == 3:
+                    ay += w * (velocity[j, 1] - vy)
             else:
-                w *= viscosity[own, own]
+                w *= alike
                 w *= _reversed(dx, dy, dz, normal[j, 0], normal[j, 1], normal[j, 2], depth[j], l0)
                 ax -= w * vx
                 ay -= w * vy
