@@ -417,7 +417,7 @@ def test_corrected_gradient(dimension, noise):
     out = np.zeros((len(c.p), 3))
     gradient.corrected_gradient(
         c.p.position, c.scalar, c.surface, m.lean, *c.wet, inverse, 0.4 * c.l0, c.lat.density,
-        dimension, c.rows, out,
+        dimension, c.rows, out, *[None] * 5,
     )  # fmt: skip
     pressure = np.where(c.surface != 0, np.maximum(c.scalar, 0.0), c.scalar)
     w = np.where(c.p.kind == 2, 0.0, c.w) / c.r**2
@@ -440,7 +440,7 @@ def test_gradients_are_exact_for_linear_fields(dimension, noise):
     liquid = c.p.liquid
     gradient.corrected_gradient(
         c.p.position, c.p.position @ slope + 7.0, none, m.lean, *c.wet, inverse, 0.5 * c.l0,
-        c.lat.density, dimension, liquid, out,
+        c.lat.density, dimension, liquid, out, *[None] * 5,
     )  # fmt: skip
     np.testing.assert_allclose(out[:liquid], np.tile(slope, (liquid, 1)), atol=1e-8 * 9800)
     tensor = c.rng.normal(size=(3, 3))
@@ -518,6 +518,7 @@ def test_residual_damping(dimension, noise):
             slope,
             n,
             out,
+            *[None] * 5,
         )
         return out[:n].copy()
 
@@ -545,7 +546,7 @@ def test_viscosity(dimension, noise):
     out = before.copy()
     viscosity.add_viscosity(
         c.p.position, c.vector, c.p.kind, c.p.normal, c.p.depth, np.full((1, 1), nu), *c.wet, c.l0,
-        c.lat.density, c.lat.lam, dimension, dt, n, out,
+        c.lat.density, c.lat.lam, dimension, dt, n, out, None,
     )  # fmt: skip
     w = np.where(c.p.kind == 2, 0.0, c.w)[:n]
     wall = c.p.kind == WALL
@@ -625,7 +626,9 @@ def test_contacts(dimension, noise):
     n, least, reach, dt = c.p.liquid, 0.9, 1.5, 0.3 * c.l0
     out = np.zeros((len(c.p), 3))
     within = kernel(reach) / (reach * c.l0) ** 2
-    count = velocity.add_contacts(c.p.position, c.vector, c.p.kind, *c.wet, within, least * c.l0, dt, n, out)
+    count = velocity.add_contacts(
+        c.p.position, c.vector, c.p.kind, *c.wet, within, least * c.l0, dt, n, out, None, None
+    )
     d, r = c.d[:n, :n], np.where(c.listed[:n, :n], c.r[:n, :n], np.inf)
     towards = -np.einsum("ijk,ijk->ij", c.vector[None, :n] - c.vector[:n, None], d) / r
     allowed = np.where(np.isfinite(r), np.maximum(r - least, 0.0) * c.l0 / dt, 0.0)
@@ -697,7 +700,7 @@ def assemble(c, surface, link, wall, source, ghost, pressure, share=0.5, distanc
     poisson.poisson_rows(
         c.p.position, c.p.kind, surface, link, wall, source, pressure, column, *c.wet, c.l0, c.lat.density,
         c.lat.lam, c.dimension, 1000.0, share, distance * c.l0, ghost, first, columns, values, halo_first, halo_columns,
-        halo_values, at, rhs,
+        halo_values, at, rhs, *[None] * 7,
     )  # fmt: skip
     assert halo_first[-1] == 0
     np.testing.assert_array_equal(columns[at], np.arange(rows))
@@ -810,7 +813,7 @@ def test_move_without_shifting_or_surface_follows_the_velocity(dimension, noise)
     m = moments_of(c)
     shifting.move(
         c.p.position, c.vector, c.p.kind, m.asymmetry, none, np.zeros((n, 3)), m.lean,
-        np.zeros((len(c.p), 9)), c.l0, 1.0, 0.5 * c.l0, 0.0, dt, n,
+        np.zeros((len(c.p), 9)), c.l0, 1.0, 0.5 * c.l0, 0.0, dt, n, None,
     )  # fmt: skip
     np.testing.assert_allclose(c.p.position[:n], before[:n] + dt * c.vector[:n], atol=1e-15)
     np.testing.assert_array_equal(c.p.position[n:], before[n:])
@@ -828,7 +831,7 @@ def test_shifting_evens_the_spacing_and_carries_the_velocity_along(dimension, no
     normal = np.tile([0.0, 0.0, 1.0], (n, 1)) * (np.arange(n) % 2)[:, None]
     shifting.move(
         c.p.position, speed, c.p.kind, m.asymmetry, none, normal, m.lean,
-        np.tile(tensor.ravel(), (len(c.p), 1)), c.l0, 1.0, 0.5 * c.l0, shift, 0.0, n,
+        np.tile(tensor.ravel(), (len(c.p), 1)), c.l0, 1.0, 0.5 * c.l0, shift, 0.0, n, None,
     )  # fmt: skip
     step = shift * c.l0 * m.asymmetry[:n]
     step -= np.sum(step * normal, axis=1)[:, None] * normal

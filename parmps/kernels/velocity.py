@@ -239,7 +239,7 @@ def velocity_gradient(position, velocity, first, last, other, strength, inverse,
 
 @compiled
 def add_contacts(
-    position, velocity, kind, first, last, other, strength, within, least, dt, rows, out, fluid=None, share=None
+    position, velocity, kind, first, last, other, strength, within, least, dt, rows, out, fluid, share
 ):
     """Slow down fluid particles that would come nearer to each other than a least distance in this step.
 
