@@ -193,9 +193,8 @@ def invert(matrix, floor, dimension, inverse):
         v[:] = 0.0
         v[0, 0] = v[1, 1] = v[2, 2] = 1.0
         for _ in range(5):  # converges quadratically
-            rotate(a, v, 0, 2)
-            rotate(a, v, 0, 1)
-            rotate(a, v, 1, 2)
+            for p, q in ((0, 2), (0, 1), (1, 2)):
+                rotate(a, v, p, q)
         ex, ey, ez = 1.0 / max(a[0, 0], floor), 1.0 / max(a[1, 1], floor), 1.0 / max(a[2, 2], floor)
         inverse[i, 0] = ex * v[0, 0] * v[0, 0] + ey * v[0, 1] * v[0, 1] + ez * v[0, 2] * v[0, 2]
         inverse[i, 1] = ex * v[0, 0] * v[1, 0] + ey * v[0, 1] * v[1, 1] + ez * v[0, 2] * v[1, 2]
@@ -445,6 +444,6 @@ def lattice_matrix(rows):
     Returns
     -------
     (rows, 6) float64
-        Identity matrices, as xx, xy, xz, yy, yz, zz; one in memory, not to be written.
+        Identity matrices, as xx, xy, xz, yy, yz, zz.
     """
-    return np.broadcast_to(np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0]), (rows, 6))
+    return np.tile([1.0, 0.0, 0.0, 1.0, 0.0, 1.0], (rows, 1))

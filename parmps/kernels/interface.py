@@ -215,7 +215,7 @@ def image_links(position, kind, normal, depth, near, first, last, other, reach, 
                 above = -(dx * normal[j, 0] + dy * normal[j, 1] + dz * normal[j, 2]) - depth[j]
                 if r2 < least and above > 0.05 * reach:
                     least, height = r2, above
-                    n[:] = normal[j]
+                    n[0], n[1], n[2] = normal[j, 0], normal[j, 1], normal[j, 2]
             if least == math.inf:
                 break
             for k in range(begin[a] - 1, count):
@@ -351,9 +351,9 @@ def normals(fluid, sheet, fraction, near, begin, index, offset, image, strength,
         out[i], total = 0.0, xx + yy + zz
         if total == 0.0:
             continue
-        matrix[0, 0], matrix[0, 1], matrix[0, 2] = xx, xy, xz
-        matrix[0, 3], matrix[0, 4], matrix[0, 5] = yy, yz, zz
-        matrix *= dimension / total
+        s = dimension / total
+        matrix[0, 0], matrix[0, 1], matrix[0, 2] = s * xx, s * xy, s * xz
+        matrix[0, 3], matrix[0, 4], matrix[0, 5] = s * yy, s * yz, s * zz
         invert(matrix, 0.2, dimension, inverse)
         m, scale = inverse[0], l0 * dimension / total
         out[i, 0] = scale * (m[0] * gx + m[1] * gy + m[2] * gz)
@@ -583,12 +583,12 @@ def pressure_gradient(
     dimension,
     matrix,
     sums,
-    fluid=None,
-    volume=None,
-    tension=None,
-    bend=None,
-    normal=None,
-    above=None,
+    fluid,
+    volume,
+    tension,
+    bend,
+    normal,
+    above,
 ):
     """Sums for grad P / rho at an interface, where its tangential part jumps with the density.
 
@@ -807,9 +807,9 @@ def curvature(fluid, sheet, normal, near, begin, index, offset, image, mirror, s
         out[i], total = 0.0, xx + yy + zz
         if total == 0.0:
             continue
-        matrix[0, 0], matrix[0, 1], matrix[0, 2] = xx, xy, xz
-        matrix[0, 3], matrix[0, 4], matrix[0, 5] = yy, yz, zz
-        matrix *= dimension / total
+        s = dimension / total
+        matrix[0, 0], matrix[0, 1], matrix[0, 2] = s * xx, s * xy, s * xz
+        matrix[0, 3], matrix[0, 4], matrix[0, 5] = s * yy, s * yz, s * zz
         invert(matrix, 0.2, dimension, inverse)
         m = inverse[0]
         trace = gxx * m[0] + gyy * m[3] + gzz * m[5] + (gxy + gyx) * m[1] + (gxz + gzx) * m[2] + (gyz + gzy) * m[4]

@@ -80,15 +80,15 @@ def fit_normals(guess, asymmetry, surface, near, begin, index, offset, image, mi
             yz += s * dy * dz
             zz += s * dz * dz
         size = xx + yy + zz
-        out[i] = guess[i]
+        out[i, 0], out[i, 1], out[i, 2] = nx, ny, nz
         if size == 0.0:
             continue
         scale, f = (dimension - 1) / size, 1.0 / total
         gx, gy, gz = gx - f * mh * mx, gy - f * mh * my, gz - f * mh * mz
         gx, gy, gz = scale * gx, scale * gy, scale * gz
-        matrix[0, 0], matrix[0, 1], matrix[0, 2] = xx - f * mx * mx, xy - f * mx * my, xz - f * mx * mz
-        matrix[0, 3], matrix[0, 4], matrix[0, 5] = yy - f * my * my, yz - f * my * mz, zz - f * mz * mz
-        matrix *= scale
+        matrix[0, 0], matrix[0, 1] = scale * (xx - f * mx * mx), scale * (xy - f * mx * my)
+        matrix[0, 2], matrix[0, 3] = scale * (xz - f * mx * mz), scale * (yy - f * my * my)
+        matrix[0, 4], matrix[0, 5] = scale * (yz - f * my * mz), scale * (zz - f * mz * mz)
         invert(matrix, FLOOR, dimension, inverse)
         m = inverse[0]
         nx -= m[0] * gx + m[1] * gy + m[2] * gz
