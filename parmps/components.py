@@ -127,7 +127,7 @@ def floating_components(domain, row, column, blocks, held):
     Floating
     """
     rows = len(blocks.first) - 1
-    beyond = np.flatnonzero(column >= 0)
+    beyond = np.flatnonzero(column >= 0).astype(np.int32)
     beyond = beyond[np.argsort(column[beyond])]
     part = np.arange(len(row))
     join(blocks.first, blocks.columns, part)

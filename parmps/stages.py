@@ -471,7 +471,7 @@ def add_contacts(sim):
         p.kind,
         *sim.pairs.wet,
         sim.strength,
-        weight(reach, s.radius) / (reach * sim.l0) ** 2,
+        weight.py_func(reach, s.radius) / (reach * sim.l0) ** 2,
         s.collision_distance * sim.l0,
         sim.dt,
         p.liquid,

@@ -12,8 +12,7 @@ import h5py
 import numpy as np
 import pytest
 
-from parmps import checkpoint
-from parmps.cli import wall_time
+from parmps import checkpoint, cli
 
 ROOT = Path(__file__).parents[1]
 ENVIRONMENT = {
@@ -46,6 +45,20 @@ def parmps(directory, *arguments, ranks=1, script=("-m", "parmps")):
         [*launch, sys.executable, *script, *map(str, arguments)],
         cwd=directory, env=ENVIRONMENT, capture_output=True, text=True, timeout=300, stdin=subprocess.DEVNULL,
     )  # fmt: skip
+
+
+@pytest.fixture
+def here(capfd):
+    """Run the command in this process, which spares the start of another; what `parmps` returns."""
+
+    def run(directory, *arguments):
+        with pytest.raises(SystemExit) as end, pytest.MonkeyPatch.context() as patch:
+            patch.chdir(directory)
+            patch.setattr(sys, "argv", ["parmps", *map(str, arguments)])
+            cli.main()
+        return subprocess.CompletedProcess(arguments, end.value.code, *capfd.readouterr())
+
+    return run
 
 
 @pytest.fixture
@@ -95,23 +108,23 @@ BAD = {
 @pytest.mark.parametrize(
     ("case", "ranks"), [*((name, 1) for name in BAD), ("unknown key", 2), ("missing motion file", 2)]
 )
-def test_bad_input(job, tmp_path, case, ranks):
+def test_bad_input(job, tmp_path, here, case, ranks):
     (old, new), key, rule = BAD[case]
     assert old in JOB
     job.write_text(JOB.replace(old, new))
     before = sorted(tmp_path.rglob("*"))
-    done = parmps(tmp_path, job, ranks=ranks)
+    done = here(tmp_path, job) if ranks == 1 else parmps(tmp_path, job, ranks=ranks)
     message = done.stderr.split("parmps: error: ")[-1]
     check_refused(done, key or message.split(": ")[0], before, tmp_path)
     assert rule in message
 
 
-def test_bad_command_lines(job, tmp_path):
+def test_bad_command_lines(job, tmp_path, here):
     before = sorted(tmp_path.rglob("*"))
-    check_refused(parmps(tmp_path, job, "--set", "time.ned=1"), "time.ned", before, tmp_path)
-    check_refused(parmps(tmp_path, job, "--color"), "command line", before, tmp_path)
+    check_refused(here(tmp_path, job, "--set", "time.ned=1"), "time.ned", before, tmp_path)
+    check_refused(here(tmp_path, job, "--color"), "command line", before, tmp_path)
     check_refused(parmps(tmp_path, job, "--restart", "nowhere"), "command line", before, tmp_path)
-    done = parmps(tmp_path, tmp_path / "absent.yaml")
+    done = here(tmp_path, tmp_path / "absent.yaml")
     assert done.returncode == 2 and "absent.yaml" in done.stderr and "Traceback" not in done.stderr
 
 
@@ -178,19 +191,19 @@ def test_a_good_run_writes_all_results(job, tmp_path, ranks):
 
 @pytest.mark.parametrize(("text", "seconds"), [("90", 90.0), ("1.5", 1.5), ("2:30", 150.0), ("23:50:00", 85800.0)])
 def test_wall_times(text, seconds):
-    assert wall_time(text) == seconds
+    assert cli.wall_time(text) == seconds
 
 
 @pytest.mark.parametrize("text", ["", "-1", "1h", "1:2:3:4", "1:234", "nan", "١"])
 def test_bad_wall_times(text):
     with pytest.raises(argparse.ArgumentTypeError, match="must be seconds, MM:SS or HH:MM:SS"):
-        wall_time(text)
+        cli.wall_time(text)
 
 
-def test_schema_and_help(tmp_path):
+def test_schema_and_help(tmp_path, here):
     done = parmps(tmp_path, "schema")
     assert done.returncode == 0 and "spacing" in done.stdout
-    done = parmps(tmp_path, "--help")
+    done = here(tmp_path, "--help")
     assert done.returncode == 0 and "exit status" in done.stdout
 
 

@@ -240,7 +240,7 @@ def test_wall_distance_against_brute_force():
 def test_wall_distance_in_2d_ignores_y():
     geometry = place(make_job(baffles=POST), "half").geometry
     for x in ((0.1, 0.01), (0.4, 0.1), (0.39, 0.16), (-0.1, 0.2)):
-        near, far = (wall_distance(x[0], y, x[1], geometry.walls) for y in (0, 9))
+        near, far = (wall_distance(x[0], y, x[1], geometry.walls) for y in (0.0, 9.0))
         assert near == far and near[2] == 0
 
 

@@ -473,6 +473,6 @@ def lattice_matrix(rows):
     Returns
     -------
     (rows, 6) float64
-        Identity matrices, as xx, xy, xz, yy, yz, zz; one in memory, not to be written.
+        Identity matrices, as xx, xy, xz, yy, yz, zz.
     """
-    return np.broadcast_to(np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0]), (rows, 6))
+    return np.tile([1.0, 0.0, 0.0, 1.0, 0.0, 1.0], (rows, 1))

@@ -24,11 +24,11 @@ def corrected_gradient(
     dimension,
     rows,
     out,
-    fluid=None,
-    volume=None,
-    tension=None,
-    bend=None,
-    above=None,
+    fluid,
+    volume,
+    tension,
+    bend,
+    above,
 ):
     """Gradient from P_j - P_i with the inverse moment matrix, exact for linear fields (Duan 2018).
 
@@ -180,11 +180,11 @@ def residual_damping(
     slope,
     rows,
     out,
-    fluid=None,
-    share=None,
-    sheet=None,
-    slips=None,
-    normal=None,
+    fluid,
+    share,
+    sheet,
+    slips,
+    normal,
 ):
     """Velocity change that damps what a linear field cannot explain.
 

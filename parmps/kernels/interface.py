@@ -221,7 +221,7 @@ def image_links(position, kind, normal, depth, near, first, last, other, reach, 
                 above = -(dx * normal[j, 0] + dy * normal[j, 1] + dz * normal[j, 2]) - depth[j]
                 if r2 < least and above > 0.05 * reach:
                     least, height = r2, above
-                    n[:] = normal[j]
+                    n[0], n[1], n[2] = normal[j, 0], normal[j, 1], normal[j, 2]
             if least == math.inf:
                 break
             for k in range(begin[a] - 1, count):
@@ -623,12 +623,12 @@ def pressure_gradient(
     dimension,
     floor,
     out,
-    fluid=None,
-    volume=None,
-    tension=None,
-    bend=None,
-    normal=None,
-    above=None,
+    fluid,
+    volume,
+    tension,
+    bend,
+    normal,
+    above,
 ):
     """Acceleration grad P / rho at an interface, where its tangential part jumps with the density.
 

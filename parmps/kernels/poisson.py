@@ -42,13 +42,13 @@ def poisson_rows(
     halo_values,
     at_diagonal,
     rhs,
-    fluid=None,
-    volume=None,
-    share=None,
-    tension=None,
-    bend=None,
-    mass_density=None,
-    above=None,
+    fluid,
+    volume,
+    share,
+    tension,
+    bend,
+    mass_density,
+    above,
 ):
     """Assemble sum_j c W_ij [P_i - P_j + rho f_ij . (r_j - r_i)] = -rho s_i, with c = 2D/(n0 lambda l0^2).
 

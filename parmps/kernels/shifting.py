@@ -22,7 +22,7 @@ def move(
     shift,
     dt,
     rows,
-    beyond=None,
+    beyond,
 ):
     """R += dt v + shift l0 F, tangential at the surface; surface particles move as the surface above them does.
 

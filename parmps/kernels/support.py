@@ -73,25 +73,33 @@ def flow_around(
         Filled: right-hand sides, as in `velocity_gradient`.
     """
     scale = dimension / n0
-    d, u, way, change = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    change = np.empty(3)
     for a in range(weak.shape[0]):
         i = weak[a]
-        matrix[a] = sums[a] = way[:] = change[:] = 0.0
-        total = 1e-300
+        matrix[a] = sums[a] = change[:] = 0.0
+        total, mx, my, mz = 1e-300, 0.0, 0.0, 0.0
         for k in range(first[i], last[i]):
-            s = scale * strength[k]
-            d[:] = position[other[k]] - position[i]
-            u[:] = velocity[other[k]] - velocity[i]
+            j, s = other[k], scale * strength[k]
+            dx, dy = position[j, 0] - position[i, 0], position[j, 1] - position[i, 1]
+            dz = position[j, 2] - position[i, 2]
             total += s
-            way += s * d
-            change += s * u
-            add_moment(matrix[a], s, d[0], d[1], d[2])
+            mx += s * dx
+            my += s * dy
+            mz += s * dz
+            add_moment(matrix[a], s, dx, dy, dz)
             for b in range(3):
-                sums[a, 3 * b : 3 * b + 3] += s * u[b] * d
+                u = s * (velocity[j, b] - velocity[i, b])
+                change[b] += u
+                sums[a, 3 * b] += u * dx
+                sums[a, 3 * b + 1] += u * dy
+                sums[a, 3 * b + 2] += u * dz
         free = (1.0 - support[i]) / total
-        add_moment(matrix[a], -free, way[0], way[1], way[2])
+        add_moment(matrix[a], -free, mx, my, mz)
         for b in range(3):
-            sums[a, 3 * b : 3 * b + 3] -= free * change[b] * way
+            u = free * change[b]
+            sums[a, 3 * b] -= u * mx
+            sums[a, 3 * b + 1] -= u * my
+            sums[a, 3 * b + 2] -= u * mz
 
 
 @compiled

@@ -79,7 +79,7 @@ def fit_normals(guess, asymmetry, surface, near, begin, index, offset, image, mi
             yz += s * dy * dz
             zz += s * dz * dz
         size = xx + yy + zz
-        out[i] = guess[i]
+        out[i, 0], out[i, 1], out[i, 2] = nx, ny, nz
         if size == 0.0:
             continue
         scale, f = (dimension - 1) / size, 1.0 / total

@@ -279,7 +279,7 @@ def relax_volume(compression, gradient, slowest, per_strain, grid, most, age, dt
 
 @compiled
 def add_contacts(
-    position, velocity, kind, first, last, other, strength, within, least, dt, rows, out, fluid=None, share=None
+    position, velocity, kind, first, last, other, strength, within, least, dt, rows, out, fluid, share
 ):
     """Slow down fluid particles that would come nearer to each other than a least distance in this step.
 

@@ -31,7 +31,7 @@ def add_viscosity(
     dt,
     rows,
     out,
-    fluid=None,
+    fluid,
 ):
     """Add dt nu lap v, lap v = 2D/(n0 lambda) sum (v_j - v_i) W ([004] eq. 7), with no slip at the walls.
 
@@ -117,7 +117,7 @@ def viscosity_rows(
     halo_first,
     halo_columns,
     halo_values,
-    fluid=None,
+    fluid,
 ):
     """Assemble rho (I - dt nu lap) with the operator of `add_viscosity`: symmetric, and no slip in the diagonal.
 
