@@ -43,8 +43,8 @@ VOLUME_STRAIN = 20.0
 """Rate at which the volume error is removed over s^2 / (s + sqrt(f / l0)), s the strain rate and f the body force. What
 makes room is that strain disorders the particles; a fast rate in a calm wave would damp it."""
 
-VOLUME_MOST = 0.3
-"""Greatest share of what is left of the volume error that a step removes."""
+VOLUME_MOST = 0.5
+"""Greatest share of the volume error that is removed from one measurement to the next."""
 
 RESIDUAL_DAMPING = 2.0
 """Damping of a velocity difference that no linear field explains, per (difference) dt / l0."""
@@ -548,9 +548,7 @@ def measure_divergence(sim):
             max(1.0 / s.volume_time, VOLUME_SHARE * sim.courant / sim.dt),
             VOLUME_STRAIN,
             sim.grid_number / sim.dt,
-            VOLUME_MOST,
-            sim.step_number % VOLUME_EVERY,
-            sim.dt,
+            VOLUME_MOST / (VOLUME_EVERY * sim.dt),
             trace,
         )
     over = over / sim.packing()

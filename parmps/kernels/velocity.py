@@ -238,12 +238,13 @@ def velocity_gradient(position, velocity, first, last, other, strength, inverse,
 
 
 @compiled
-def relax_volume(compression, gradient, slowest, per_strain, grid, most, age, dt, divergence):
+def relax_volume(compression, gradient, slowest, per_strain, grid, fastest, divergence):
     """Take from the divergence what removes the volume error, faster where the flow deforms.
 
     Strain s = |sym grad v| disorders the particles, and the divergence, which weighs near pairs most, then vanishes
     while they take more room. The rate is ``per_strain`` s where s is well above that of waves of a spacing, and falls
-    as s^2 below. What the steps since the measurement have removed at this rate is not removed again.
+    as s^2 below. It is the same from one measurement to the next: each change of the divergence takes an impulse of
+    the pressure.
 
     Parameters
     ----------
@@ -257,12 +258,8 @@ def relax_volume(compression, gradient, slowest, per_strain, grid, most, age, dt
         Rate over s^2 / (s + sqrt(f / l0)).
     grid : float, 1/s
         sqrt(f / l0).
-    most : float
-        Greatest share of what is left that a step removes.
-    age : int
-        Steps since the measurement.
-    dt : float
-        s.
+    fastest : float, 1/s
+        Greatest rate.
     divergence : (rows,) float64, 1/s
         Changed.
     """
@@ -273,8 +270,7 @@ def relax_volume(compression, gradient, slowest, per_strain, grid, most, age, dt
         xy, xz, yz = g[1] + g[3], g[2] + g[6], g[5] + g[7]
         strain = math.sqrt(g[0] * g[0] + g[4] * g[4] + g[8] * g[8] + 0.5 * (xy * xy + xz * xz + yz * yz))
         rate = max(slowest, per_strain * strain * strain / max(strain + grid, 1e-300))
-        share = min(rate * dt, most)
-        divergence[i] -= compression[i] * share * (1.0 - share) ** age / dt
+        divergence[i] -= compression[i] * min(rate, fastest)
 
 
 @compiled
