@@ -13,12 +13,12 @@ from parmps.motion import FrameState, Motion
 from parmps.particles import FIELDS
 from parmps.simulation import (
     CAPILLARY_STEP,
-    CLOSED_STEP,
     HALO_MARGIN,
     IMPLICIT_GAIN,
     VISCOUS_STEP,
     WAVE_STEP,
     Work,
+    flow_limits,
     wall_layers,
 )
 from parmps.stages import make_plan
@@ -242,10 +242,10 @@ def _bound(job, spacing, force, speed):
     bounds = [(job.output.probes_every, "output.probes_every")]
     if control.max_step is not None:
         bounds.append((control.max_step, "time.max_step"))
+    courant, steady = flow_limits(job, job.full)
     if speed > 0.0:
-        bounds.append((job.courant * spacing / speed, f"cfl: {job.courant:g} l0/u"))
+        bounds.append((courant * spacing / speed, f"cfl: {courant:g} l0/u"))
     if force > 0.0:
-        steady = min(job.scheme.steady_step, CLOSED_STEP if job.full else math.inf)
         bounds.append((steady * math.sqrt(spacing / force), f"body force: {steady:g} sqrt(l0/f)"))
     if liquids.capillary_rate > 0.0:
         step = CAPILLARY_STEP * math.sqrt(spacing**3 / liquids.capillary_rate)

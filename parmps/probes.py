@@ -178,10 +178,15 @@ class ElevationGauge:
         lattice = lattice[distances(lattice, geometry.walls)[0] > 0.0]
         self.full = self._profile(lattice)
 
+    def _from_gauge(self, position):
+        """Horizontal places of particles from the gauge, in lattice steps: (2, n) float64."""
+        return ((position[:, :2] - self.at) / self.steps[:2]).T
+
     def _profile(self, position):
         """Spread particles over the nodes: (nodes,) float64."""
         position = position[~hidden_from_column(*self.at, position, self.boxes)]
-        weight = np.prod([_spline((position[:, a] - self.at[a]) / self.steps[a]) for a in (0, 1)], axis=0)
+        x, y = self._from_gauge(position)
+        weight = _spline(x) * _spline(y)
         step = self.nodes[1]
         reach = int(np.ceil(2 * self.steps[2] / step))
         nearest = np.rint(position[:, 2] / step).astype(int)
@@ -240,9 +245,8 @@ class ElevationGauge:
         row = position[state.surface[number] != 0]
         row = row[~hidden_from_column(*self.at, row, self.boxes)]
         node = np.clip(np.rint(row[:, 2] / self.nodes[1]).astype(int), 0, len(self.nodes) - 1)
-        place = (row - np.column_stack([np.tile(self.at, (len(row), 1)), self.nodes[node]])) / self.steps
-        weight = _spline(place[:, 0]) * _spline(place[:, 1])
-        x, y, z = place.T
+        x, y = self._from_gauge(row)
+        z, weight = (row[:, 2] - self.nodes[node]) / self.steps[2], _spline(x) * _spline(y)
         terms = (1.0, x, y, x * x, x * y, y * y, z, x * z, y * z)
         moments = [np.bincount(node, weight * term, len(self.nodes)) for term in terms]
         return np.concatenate([self._profile(position), *moments])

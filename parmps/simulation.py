@@ -409,10 +409,9 @@ class Simulation:
             raise DivergedError(f"a velocity is not finite at t = {self.time:g} s, step {self.step_number}")
         self.frame = self.motion.at(self.time)
         control, force = self.job.time, np.linalg.norm(self.frame.force)
-        closed = self.floating.count > 0
+        courant, steady = flow_limits(self.job, self.floating.count > 0)
         bounds = [control.max_step or math.inf]
         if force > 0.0:
-            steady = min(self.scheme.steady_step, CLOSED_STEP if closed else math.inf)
             bounds.append(steady * math.sqrt(self.l0 / force))
         if self.liquids.capillary_rate > 0.0:
             bounds.append(CAPILLARY_STEP * math.sqrt(self.l0**3 / self.liquids.capillary_rate))
@@ -420,10 +419,10 @@ class Simulation:
             bounds.append(WAVE_STEP * self.l0 / math.sqrt(max(self._head(), 1e-300)))
         left = until - self.time
         if speed > 0.0:
-            courant = min(self.job.courant, CLOSED_COURANT if closed else math.inf) * self.l0 / speed
-            if courant < HASTE * min(*bounds, left):
+            bound = courant * self.l0 / speed
+            if bound < HASTE * min(*bounds, left):
                 self._check_speed(speed)
-            bounds.append(courant)
+            bounds.append(bound)
         if "viscosity" in self.seconds:
             explicit = VISCOUS_STEP * self.l0**2 / self.liquids.viscous_rate
             self.implicit = min(*bounds, left) > IMPLICIT_GAIN * explicit
@@ -585,6 +584,23 @@ class Simulation:
         errors = 1.0 / ratio[inside] - 1.0
         total, count = self.domain.sum(np.array([errors.sum(), float(len(errors))]))
         return float(total / max(count, 1.0))
+
+
+def flow_limits(job, closed):
+    """Bounds of the step by the flow: the Courant number, and that by the body force in sqrt(l0 / f).
+
+    Parameters
+    ----------
+    job : Job
+    closed : bool
+        Whether a part of the liquid has no free surface.
+
+    Returns
+    -------
+    float, float
+    """
+    courant, steady = job.courant, job.scheme.steady_step
+    return (min(courant, CLOSED_COURANT), min(steady, CLOSED_STEP)) if closed else (courant, steady)
 
 
 def wall_layers(scheme):

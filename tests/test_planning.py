@@ -33,6 +33,16 @@ def test_the_papers_counts_of_case_1():
     assert str(12338 + 1974) in text
 
 
+@pytest.mark.parametrize(("depth", "courant"), [(0.1, 0.4), (0.2, 0.2)])
+def test_the_plan_knows_the_courant_number_of_a_full_tank(depth, courant):
+    text = (
+        "dimension: 2\nspacing: 0.01\ntank: {size: [0.4, 0.2]}\ntime: {end: 1.0}\noutput: {probes_every: 0.05}\n"
+        f"gravity: 0\nfluids: [{{name: water, depth: {depth}}}]\n"
+        "initial: {kind: velocity, fluid: water, value: [1, 0]}\n"
+    )
+    assert f"cfl: {courant} l0/u" in plan_text(parse_job(text), Domain())
+
+
 @pytest.mark.parametrize(("depth", "share"), [(0.1, 0.25), (0.2, 0.125)])
 def test_the_plan_knows_the_step_at_rest(depth, share):
     text = (

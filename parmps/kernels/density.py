@@ -212,6 +212,12 @@ def inverse_of(xx, xy, xz, yy, yz, zz, floor, dimension):
     return _inverse_with_floor(xx, xy, xz, yy, yz, zz, floor)
 
 
+@njit(inline="always")
+def times(m, x, y, z):
+    """Product of a symmetric matrix, given as `inverse_of` gives it, and a vector: three floats."""
+    return m[0] * x + m[1] * y + m[2] * z, m[1] * x + m[3] * y + m[4] * z, m[2] * x + m[4] * y + m[5] * z
+
+
 @compiled
 def invert(matrix, floor, dimension, inverse):
     """Invert the moment matrices, as `inverse_of` does.

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from parmps.kernels.compiled import compiled
-from parmps.kernels.density import inverse_of
+from parmps.kernels.density import inverse_of, times
 from parmps.kernels.weight import smooth_weight, weight
 
 LINKS_FLOOR = 0.2
@@ -251,6 +251,17 @@ def _parallel(normal, walls, count):
     return False
 
 
+@njit(inline="always")
+def mirrored(x, y, z, image, walls):
+    """Vector of a particle as its image has it: image bits and walls' normals as made by `image_links`."""
+    for wall in range(3):
+        if image & (1 << wall):
+            n = walls[wall]
+            across = 2.0 * (x * n[0] + y * n[1] + z * n[2])
+            x, y, z = x - across * n[0], y - across * n[1], z - across * n[2]
+    return x, y, z
+
+
 @compiled
 def link_weights(offset, count, l0, reach, strength):
     """Weights of links over their squared lengths, W / r^2.
@@ -395,9 +406,8 @@ def normals(colour, near, begin, offset, index, side, strength, l0, dimension, o
         c = dimension / total
         m = inverse_of(c * xx, c * xy, c * xz, c * yy, c * yz, c * zz, LINKS_FLOOR, dimension)
         c *= l0
-        out[i, 0] = c * (m[0] * gx + m[1] * gy + m[2] * gz)
-        out[i, 1] = c * (m[1] * gx + m[3] * gy + m[4] * gz)
-        out[i, 2] = c * (m[2] * gx + m[4] * gy + m[5] * gz)
+        gx, gy, gz = times(m, gx, gy, gz)
+        out[i, 0], out[i, 1], out[i, 2] = c * gx, c * gy, c * gz
 
 
 @compiled
@@ -432,7 +442,7 @@ def find_slip(velocity, kind, fluid, sheet, near, first, last, other, limit, sli
     ----------
     velocity : (n, 3) float64, m/s
     kind, fluid, sheet, near, first, last, other
-        As in `own_moments`.
+        As in `own_gradient`.
     limit : float, m/s
         Greatest difference between the mean velocities of a particle's neighbours in its own liquid and in others.
     slips : (n,) int8
@@ -516,16 +526,10 @@ def own_gradient(
                 vxy += dv * sy
                 vxz += dv * sz
                 wxy += dw * sy
-        mxx, mxy, mxz, myy, myz, mzz = inverse_of(xx, xy, xz, yy, yz, zz, floor, dimension)
-        out[i, 0] = uxx * mxx + uxy * mxy + uxz * mxz
-        out[i, 1] = uxx * mxy + uxy * myy + uxz * myz
-        out[i, 2] = uxx * mxz + uxy * myz + uxz * mzz
-        out[i, 3] = vxx * mxx + vxy * mxy + vxz * mxz
-        out[i, 4] = vxx * mxy + vxy * myy + vxz * myz
-        out[i, 5] = vxx * mxz + vxy * myz + vxz * mzz
-        out[i, 6] = wxx * mxx + wxy * mxy + wxz * mxz
-        out[i, 7] = wxx * mxy + wxy * myy + wxz * myz
-        out[i, 8] = wxx * mxz + wxy * myz + wxz * mzz
+        m = inverse_of(xx, xy, xz, yy, yz, zz, floor, dimension)
+        out[i, 0], out[i, 1], out[i, 2] = times(m, uxx, uxy, uxz)
+        out[i, 3], out[i, 4], out[i, 5] = times(m, vxx, vxy, vxz)
+        out[i, 6], out[i, 7], out[i, 8] = times(m, wxx, wxy, wxz)
 
 
 @compiled
@@ -841,11 +845,7 @@ def curvature(normal, near, begin, index, offset, image, mirror, side, strength,
             size = side[k] / (steep + 1e-300)
             nx, ny, nz = size * nx, size * ny, size * nz
             if image[k] != 0:
-                for wall in range(3):
-                    if image[k] & (1 << wall):
-                        mx, my, mz = mirror[a, wall, 0], mirror[a, wall, 1], mirror[a, wall, 2]
-                        back = 2.0 * (nx * mx + ny * my + nz * mz)
-                        nx, ny, nz = nx - back * mx, ny - back * my, nz - back * mz
+                nx, ny, nz = mirrored(nx, ny, nz, image[k], mirror[a])
             nx, nz = nx - ox, nz - oz
             gxx += nx * sx
             gxz += nx * sz

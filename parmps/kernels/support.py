@@ -4,6 +4,7 @@ import numpy as np
 from numba import njit
 
 from parmps.kernels.compiled import compiled
+from parmps.kernels.density import times
 
 
 @njit(inline="always")
@@ -118,6 +119,4 @@ def solve_flow(weak, inverse, sums, out):
         i, m = weak[a], inverse[a]
         for b in range(3):
             x, y, z = sums[a, 3 * b], sums[a, 3 * b + 1], sums[a, 3 * b + 2]
-            out[i, 3 * b] = m[0] * x + m[1] * y + m[2] * z
-            out[i, 3 * b + 1] = m[1] * x + m[3] * y + m[4] * z
-            out[i, 3 * b + 2] = m[2] * x + m[4] * y + m[5] * z
+            out[i, 3 * b], out[i, 3 * b + 1], out[i, 3 * b + 2] = times(m, x, y, z)

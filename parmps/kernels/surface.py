@@ -2,24 +2,12 @@
 
 import math
 
-from numba import njit
-
 from parmps.kernels.compiled import compiled
-from parmps.kernels.density import inverse_of
+from parmps.kernels.density import inverse_of, times
+from parmps.kernels.interface import mirrored
 
 FLOOR = 0.2
 """Least eigenvalue of the moment matrices; 1 along an even surface."""
-
-
-@njit(inline="always")
-def _mirrored(x, y, z, image, walls):
-    """Vector of a particle as its image has it: image bits and walls' normals as made by `interface.image_links`."""
-    for wall in range(3):
-        if image & (1 << wall):
-            n = walls[wall]
-            across = 2.0 * (x * n[0] + y * n[1] + z * n[2])
-            x, y, z = x - across * n[0], y - across * n[1], z - across * n[2]
-    return x, y, z
 
 
 @compiled
@@ -57,7 +45,7 @@ def fit_normals(guess, asymmetry, surface, near, begin, index, offset, image, mi
             j = index[k]
             if surface[j] == 0:
                 continue
-            ax, ay, az = _mirrored(asymmetry[j, 0], asymmetry[j, 1], asymmetry[j, 2], image[k], mirror[a])
+            ax, ay, az = mirrored(asymmetry[j, 0], asymmetry[j, 1], asymmetry[j, 2], image[k], mirror[a])
             if ax * nx + ay * ny + az * nz <= 0.0:
                 continue
             dx, dy, dz = x[k], y[k], z[k]
@@ -88,9 +76,8 @@ def fit_normals(guess, asymmetry, surface, near, begin, index, offset, image, mi
         xx, xy, xz = scale * (xx - f * mx * mx), scale * (xy - f * mx * my), scale * (xz - f * mx * mz)
         yy, yz, zz = scale * (yy - f * my * my), scale * (yz - f * my * mz), scale * (zz - f * mz * mz)
         m = inverse_of(xx, xy, xz, yy, yz, zz, FLOOR, dimension)
-        nx -= m[0] * gx + m[1] * gy + m[2] * gz
-        ny -= m[1] * gx + m[3] * gy + m[4] * gz
-        nz -= m[2] * gx + m[4] * gy + m[5] * gz
+        gx, gy, gz = times(m, gx, gy, gz)
+        nx, ny, nz = nx - gx, ny - gy, nz - gz
         size = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
         out[i, 0], out[i, 1], out[i, 2] = size * nx, size * ny, size * nz
 
@@ -120,7 +107,7 @@ def curvature(normal, near, begin, index, offset, image, mirror, strength, dista
         change = total = 0.0
         for k in range(begin[a], begin[a + 1]):
             j = index[k]
-            x, y, z = _mirrored(normal[j, 0], normal[j, 1], normal[j, 2], image[k], mirror[a])
+            x, y, z = mirrored(normal[j, 0], normal[j, 1], normal[j, 2], image[k], mirror[a])
             if x * ox + y * oy + z * oz <= 0.0:
                 continue
             mx, my, mz = x + ox, y + oy, z + oz

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from parmps.kernels.compiled import compiled
+from parmps.kernels.density import times
 
 
 @compiled
@@ -226,15 +227,10 @@ def velocity_gradient(position, velocity, first, last, other, strength, inverse,
                 wxy += dw * dy
         xx, xy, xz = scale * inverse[i, 0], scale * inverse[i, 1], scale * inverse[i, 2]
         yy, yz, zz = scale * inverse[i, 3], scale * inverse[i, 4], scale * inverse[i, 5]
-        out[i, 0] = uxx * xx + uxy * xy + uxz * xz
-        out[i, 1] = uxx * xy + uxy * yy + uxz * yz
-        out[i, 2] = uxx * xz + uxy * yz + uxz * zz
-        out[i, 3] = vxx * xx + vxy * xy + vxz * xz
-        out[i, 4] = vxx * xy + vxy * yy + vxz * yz
-        out[i, 5] = vxx * xz + vxy * yz + vxz * zz
-        out[i, 6] = wxx * xx + wxy * xy + wxz * xz
-        out[i, 7] = wxx * xy + wxy * yy + wxz * yz
-        out[i, 8] = wxx * xz + wxy * yz + wxz * zz
+        m = xx, xy, xz, yy, yz, zz
+        out[i, 0], out[i, 1], out[i, 2] = times(m, uxx, uxy, uxz)
+        out[i, 3], out[i, 4], out[i, 5] = times(m, vxx, vxy, vxz)
+        out[i, 6], out[i, 7], out[i, 8] = times(m, wxx, wxy, wxz)
 
 
 @compiled
