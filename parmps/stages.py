@@ -127,6 +127,13 @@ def make_plan(job, ranks):
         add_contacts,
         "collision_distance is 0",
     )
+    matrices = when(
+        scheme.position == "start" or scheme.gradient == "corrected",
+        "matrices",
+        "operators that are exact for linear fields",
+        invert_moments,
+        f"neither the divergence nor the gradient '{scheme.gradient}' is corrected",
+    )
     if scheme.position == "moved":
         differ = liquids.contrast < 1.0
         smoothing = [
@@ -145,6 +152,7 @@ def make_plan(job, ranks):
             *search,
             *smoothing,
             Stage("density", "density error and free surface", measure_density),
+            *matrices,
             Stage("divergence", "source of the pressure equation", measure_divergence),
             Stage("pressure", "incompressibility", solve_pressure),
         ]
@@ -211,6 +219,7 @@ def make_plan(job, ranks):
             locate_surface,
             "layers of different density fill the tank",
         ),
+        *matrices,
     ]
     return Plan(
         [
@@ -302,7 +311,7 @@ def find_neighbours(sim):
 
 
 def measure_density(sim):
-    """Number density, free surface, and the moment matrices of the corrected operators."""
+    """Number density, moments of the neighbourhood, and which particles are of the free surface."""
     p, s, w = sim.particles, sim.scheme, sim.work
     has_surface = "surface" in sim.seconds if s.position == "start" else not sim.job.full
     if has_surface and s.position == "start":
@@ -330,17 +339,13 @@ def measure_density(sim):
         if s.position == "moved":  # the papers' wall particles can be in the surface, and then have no pressure
             density.mark_dry(p.kind, *sim.pairs.lists, p.liquid, p.rows, w.surface)
     sim.domain.exchange(w.asymmetry, w.surface)
-    if s.gradient == "corrected":
-        gradient.add_missing_moment(w.inverse, w.surface, w.lean, sim.lattice.density, sim.dimension, w.full)
-        density.invert(w.inverse, s.divergence_floor, sim.dimension, w.inverse)
-        density.invert(w.full, s.gradient_floor, sim.dimension, w.full)
 
 
 def locate_surface(sim):
     """Normals of the free surface, and its mean distance from the particles below it."""
     p, w = sim.particles, sim.work
     density.surface_normals(
-        p.position, w.asymmetry, w.surface, *sim.pairs.wet, sim.strength, p.liquid, w.surface_normal
+        p.position, w.asymmetry, w.surface, *sim.pairs.wet, sim.strength, p.liquid, w.lean, w.surface_normal
     )
     if sim.step_number % VOLUME_EVERY:
         return
@@ -357,6 +362,14 @@ def locate_surface(sim):
     )
     total, count = sim.domain.sum(np.array(found))
     sim.surface_distance = 0.5 * sim.l0 * (total / count if count else 1.0)
+
+
+def invert_moments(sim):
+    """Inverse moment matrices of the corrected operators."""
+    s, w = sim.scheme, sim.work
+    gradient.add_missing_moment(w.inverse, w.surface, w.lean, sim.lattice.density, sim.dimension, w.full)
+    density.invert(w.inverse, s.divergence_floor, sim.dimension, w.inverse)
+    density.invert(w.full, s.gradient_floor, sim.dimension, w.full)
 
 
 def measure_volume(sim):

@@ -378,8 +378,12 @@ def spread(flag, first, other, rows, out):
 
 
 @compiled
-def surface_normals(position, asymmetry, surface, first, last, other, strength, rows, out):
+def surface_normals(position, asymmetry, surface, first, last, other, strength, rows, lean, out):
     """Normal of the free surface near each particle: the weighted mean of the asymmetry of its neighbours in it.
+
+    The tangential part of what is missing is noise of each particle's neighbourhood. It is taken from the lean of
+    surface particles, but not where the two differ by more than 60 degrees, as in sheets and spray, which no normal
+    describes.
 
     Parameters
     ----------
@@ -392,6 +396,8 @@ def surface_normals(position, asymmetry, surface, first, last, other, strength, 
     strength : (pairs,) float64, 1/m2
         W / r_ij^2, as made by `strengths`.
     rows : int
+    lean : (rows, 3) float64
+        As in `moments`; changed.
     out : (rows, 3) float64
         Filled: a unit vector out of the liquid, or 0 away from the surface.
     """
@@ -414,6 +420,11 @@ def surface_normals(position, asymmetry, surface, first, last, other, strength, 
         if size > 0.0:
             nx, ny, nz = nx / size, ny / size, nz / size
         out[i, 0], out[i, 1], out[i, 2] = nx, ny, nz
+        if surface[i] != 0:
+            along = lean[i, 0] * nx + lean[i, 1] * ny + lean[i, 2] * nz
+            size = math.sqrt(lean[i, 0] ** 2 + lean[i, 1] ** 2 + lean[i, 2] ** 2)
+            if along > 0.5 * size:
+                lean[i, 0], lean[i, 1], lean[i, 2] = along * nx, along * ny, along * nz
 
 
 @compiled
