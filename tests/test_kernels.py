@@ -327,7 +327,7 @@ def surface_at_rest(dimension):
     density.mark_surface(m.density, m.asymmetry, c.lat.density, 0.9 * c.lat.asymmetry, surface)
     surface[c.p.liquid :] = 0
     normal = np.zeros((c.p.liquid, 3))
-    density.surface_normals(c.p.position, m.asymmetry, surface, *c.wet, c.p.liquid, normal)
+    density.surface_normals(c.p.position, m.asymmetry, surface, *c.wet, c.p.liquid, m.lean, normal)
     return c, wet, surface, normal
 
 
@@ -343,6 +343,26 @@ def test_the_surface_of_liquid_at_rest_is_its_top_row(dimension):
     # dummies, of small weight, are not known to be dry
     assert normal[top, 2].min() > 0.99
     assert not normal[z < z.max() - 2.5 * c.l0].any()
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_what_is_missing_at_the_surface_is_along_its_normal(dimension):
+    c = make_case(dimension, 0.0)
+    rng = np.random.default_rng(3)
+    surface = np.zeros(len(c.p), np.int8)
+    surface[: c.p.liquid] = rng.random(c.p.liquid) < 0.5
+    normal, lean, asymmetry = np.zeros((c.p.liquid, 3)), np.zeros((c.rows, 3)), np.zeros((len(c.p), 3))
+    asymmetry[: c.p.liquid] = [0.6, 0.0, 0.8]
+    lean[:] = rng.normal(size=lean.shape) + [0.6, 0.0, 0.8]
+    before = lean.copy()
+    density.surface_normals(c.p.position, asymmetry, surface, *c.wet, c.p.liquid, lean, normal)
+    along = before @ [0.6, 0.0, 0.8]
+    turned = along > 0.5 * np.linalg.norm(before, axis=1)  # others have no normal that describes them
+    turned[: c.p.liquid] &= surface[: c.p.liquid] != 0
+    turned[c.p.liquid :] = False
+    assert 0 < turned.sum() < (surface != 0).sum()
+    np.testing.assert_allclose(lean[turned], along[turned, None] * [0.6, 0.0, 0.8], atol=1e-12)
+    np.testing.assert_array_equal(lean[~turned], before[~turned])
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
