@@ -706,6 +706,7 @@ def move(sim):
     p, s, w = sim.particles, sim.scheme, sim.work
     if w.support is not None:
         w.gradient[w.weak] *= w.support[w.weak, None]
+        sim.domain.exchange(w.gradient)
     beyond = None
     if w.near_interface is not None:
         beyond = w.near_interface.beyond
@@ -726,6 +727,8 @@ def move(sim):
         sim.dt,
         p.liquid,
         beyond,
+        *sim.pairs.wet,
+        sim.strength,
     )
     sim.keep_inside()
 

@@ -2,8 +2,53 @@
 
 import math
 
+import numpy as np
+from numba import njit
+
 from parmps.kernels.compiled import compiled
 from parmps.kernels.walls import beside_solid, wall_distance
+
+BEYOND = 1.0
+"""How far the velocity gradient of a surface particle is extrapolated towards the surface, over how far it is from
+there to the mean of its neighbours below. On the lattice, in waves of 20 spacings and more, 0.95 to 1.1."""
+
+
+@njit(inline="always")
+def surface_gradient(i, position, kind, surface, gradient, first, last, other, strength, out):
+    """Velocity gradient between a surface particle and the surface, from its own and that of the liquid below.
+
+    The own one is fitted to what is below, and in a wave is that of 0.36 spacings below the particle; the mean over the
+    neighbours that are not of the surface is that of 1.03 spacings below.
+
+    Parameters
+    ----------
+    i : int
+        The particle.
+    position : (n, 3) float64, m
+    kind, surface : (n,) int8
+    gradient : (n, 9) float64, 1/s
+    first, last, other
+        Neighbour lists.
+    strength : (pairs,) float64, 1/m2
+        W / r_ij^2, as made by `strengths`.
+    out : (9,) float64, 1/s
+        Filled.
+    """
+    total = 0.0
+    for c in range(9):
+        out[c] = 0.0
+    x, y, z = position[i, 0], position[i, 1], position[i, 2]
+    for k in range(first[i], last[i]):
+        j = other[k]
+        if kind[j] == 0 and surface[j] == 0:
+            dx, dy, dz = position[j, 0] - x, position[j, 1] - y, position[j, 2] - z
+            w = strength[k] * (dx * dx + dy * dy + dz * dz)
+            total += w
+            for c in range(9):
+                out[c] += w * (gradient[i, c] - gradient[j, c])
+    share = BEYOND / max(total, 1e-300)
+    for c in range(9):
+        out[c] = gradient[i, c] + share * out[c]
 
 
 @compiled
@@ -23,14 +68,20 @@ def move(
     dt,
     rows,
     beyond,
+    first,
+    last,
+    other,
+    strength,
 ):
     """R += dt v + shift l0 F, tangential at the surface; surface particles move as the surface above them does.
 
     The asymmetry F points away from crowded neighbours, so that shifting along it evens the spacing (Lind
     2012, Khayyer 2017: along the surface only, where there is one); the velocity is interpolated to the shifted
-    place. A surface particle goes with the velocity of
-    the surface, which is v + d dv/dn at a distance d; with v alone the surface would lag by a relative k d behind
-    a wave of wave number k.
+    place.
+
+    A surface particle goes with the velocity of the surface, which is v + d dv/dn at a distance d; with v alone the
+    surface would lag by a relative k d behind a wave of wave number k, and with the gradient fitted to what is below
+    the particle still by 0.6 l0 k^2 d.
 
     Parameters
     ----------
@@ -56,7 +107,12 @@ def move(
     rows : int
     beyond : None or (rows, 3) float64
         As in `interface.normals`: particles beside another liquid move as the interface does.
+    first, last, other
+        Neighbour lists.
+    strength : (pairs,) float64, 1/m2
+        W / r_ij^2, as made by `strengths`.
     """
+    slope = np.empty(9)
     for i in range(rows):
         if kind[i] != 0:
             continue
@@ -72,19 +128,22 @@ def move(
         py = dt * velocity[i, 1] + reach * sy
         pz = dt * velocity[i, 2] + reach * sz
         g = gradient[i]
+        h = g
         qx = qy = qz = 0.0
         half = 0.5 * l0
         if surface[i] != 0:
             half = surface_distance
+            surface_gradient(i, position, kind, surface, gradient, first, last, other, strength, slope)
+            h = slope
             qx, qy, qz = lean[i, 0], lean[i, 1], lean[i, 2]
         elif beyond is not None:
             qx, qy, qz = beyond[i, 0], beyond[i, 1], beyond[i, 2]
         size = math.sqrt(qx * qx + qy * qy + qz * qz)
         if size > 0.0:
             half *= dt * min(size / surface_lean, 1.0) / size
-            ex = half * (g[0] * qx + g[1] * qy + g[2] * qz)
-            ey = half * (g[3] * qx + g[4] * qy + g[5] * qz)
-            ez = half * (g[6] * qx + g[7] * qy + g[8] * qz)
+            ex = half * (h[0] * qx + h[1] * qy + h[2] * qz)
+            ey = half * (h[3] * qx + h[4] * qy + h[5] * qz)
+            ez = half * (h[6] * qx + h[7] * qy + h[8] * qz)
             size = math.sqrt(ex * ex + ey * ey + ez * ez)
             limit = min(1.0, 0.05 * l0 / max(size, 1e-300))
             px += limit * ex
