@@ -5,8 +5,8 @@ import math
 import numpy as np
 from numba import njit
 
-from parmps.kernels.compiled import compiled
-from parmps.kernels.weight import smooth_weight, spline_weight
+from parmps.kernels.compiled import added_together, compiled
+from parmps.kernels.weight import spline_weight
 
 
 @compiled
@@ -239,33 +239,103 @@ def invert(matrix, floor, dimension, inverse):
         inverse[i, 3], inverse[i, 4], inverse[i, 5] = m[3], m[4], m[5]
 
 
+@added_together
+def _sum_bells(candidates, count, x, y, z, walls):
+    """Sum of `smooth_weight` over the first candidates, in radii; over those that face the particle, of walls."""
+    total, one, none = np.float32(0.0), np.float32(1.0), np.float32(0.0)
+    for k in range(count):
+        dx, dy, dz = x - candidates[0, k], y - candidates[1, k], z - candidates[2, k]
+        rest = max(one - math.sqrt(dx * dx + dy * dy + dz * dz), none)
+        if walls:
+            front = dx * candidates[3, k] + dy * candidates[4, k] + dz * candidates[5, k]
+            rest = rest if front > none else none
+        total += rest**4 * (np.float32(5.0) - np.float32(4.0) * rest)
+    return total
+
+
 @compiled
-def smooth_density(first, square, l0, reach, rows, density):
-    """Sum the smooth weight around each fluid particle, itself included.
+def _append(values, offset, scale, out):
+    """Write values, moved and scaled, in single precision."""
+    for k in range(len(values)):
+        out[k] = (values[k] - offset) * scale
+
+
+@compiled
+def _bring_together(group, cell, low, high, corner, per, shape, start, at, facing, count, candidates):
+    """Append the particles of one kind around a cell to the candidates of `_sum_bells`, in a larger array if needed."""
+    for a in range(max(cell[0] - 1, 0), min(cell[0] + 2, shape[0])):
+        for b in range(max(cell[1] - 1, 0), min(cell[1] + 2, shape[1])):
+            line = ((group * shape[0] + a) * shape[1] + b) * shape[2]
+            begin, end = np.int64(start[line + low]), np.int64(start[line + high])
+            new = slice(count, count + end - begin)
+            if new.stop > candidates.shape[1]:
+                larger = np.empty((6, 2 * new.stop), np.float32)
+                larger[:, :count] = candidates[:, :count]
+                candidates = larger
+            for d in range(3):
+                _append(at[d, begin:end], corner[d], per, candidates[d, new])
+                if group > 0:
+                    _append(facing[d, begin:end], 0.0, 1.0, candidates[3 + d, new])
+            count = new.stop
+    return count, candidates
+
+
+@compiled
+def smooth_density(skip, normal, reach, lower, size, shape, start, order, at, beside, density):
+    """Sum the smooth weight around fluid particles, themselves included, over the fluid and the walls that face them.
+
+    What may be near the particles of a cell is brought together once, in single precision and relative to the cell's
+    corner. So a register has twice as many candidates, and summing over all of them takes less time than picking the
+    neighbours. Distances are known to 2e-7 radii; that changes the sum, over hundreds, by a few 1e-7.
 
     Parameters
     ----------
-    first : (rows + 1,) int64
-        Where the pairs of each particle begin.
-    square : (pairs,) float64, m2
-        As made by `find_pairs`, for neighbours as far as ``reach`` at least; changed.
-    l0 : float
-        Spacing, m.
+    skip : (n,) int8
+        Particles that are marked are left out.
+    normal : (n, 3) float64
+        Of walls and dummies, into the liquid; baffles hide nothing else.
     reach : float
-        In spacings.
-    rows : int
-        Number of particles to sum around.
+        Radius of the weight, m.
+    lower, size, shape, start, order, at, beside
+        As in `find_pairs`.
     density : (rows,) float64
-        Filled.
+        Filled, but for those left out and those out of the tank.
     """
-    per = 1.0 / (reach * l0)
-    for k in range(first[rows]):
-        square[k] = smooth_weight(math.sqrt(square[k]) * per, 1.0)
-    for i in range(rows):
-        total = 1.0
-        for k in range(first[i], first[i + 1]):
-            total += square[k]
-        density[i] = total
+    rows, per = density.shape[0], 1.0 / reach
+    span = int(reach / size[2]) + 1
+    candidates = np.empty((6, 0), np.float32)
+    facing = np.empty((3, len(order)), np.float32)
+    for k in range(start[shape[0] * shape[1] * shape[2]], start[-1]):
+        for d in range(3):
+            facing[d, k] = normal[order[k], d]
+    corner = np.empty(3)
+    for cx in range(shape[0]):
+        for cy in range(shape[1]):
+            for cz in range(shape[2]):
+                cell = (cx * shape[1] + cy) * shape[2] + cz
+                mine = order[start[cell] : start[cell + 1]]
+                wanted = False
+                for i in mine:
+                    wanted |= i < rows and skip[i] == 0
+                if not wanted:
+                    continue
+                corner[0], corner[1], corner[2] = cx * size[0], cy * size[1], cz * size[2]
+                corner += lower
+                low, high = max(cz - span, 0), min(cz + span + 1, shape[2])
+                for walls in range(2 if beside[cx, cy, cz] else 1):
+                    count = 0
+                    for group in range(1, 3) if walls else range(1):
+                        count, candidates = _bring_together(
+                            group, (cx, cy, cz), low, high, corner, per, shape, start, at, facing, count, candidates
+                        )
+                    for k in range(len(mine)):
+                        i, m = mine[k], start[cell] + k
+                        if i < rows and skip[i] == 0:
+                            x = np.float32((at[0, m] - corner[0]) * per)
+                            y = np.float32((at[1, m] - corner[1]) * per)
+                            z = np.float32((at[2, m] - corner[2]) * per)
+                            total = _sum_bells(candidates, count, x, y, z, walls == 1)
+                            density[i] = total if walls == 0 else density[i] + total
 
 
 @compiled

@@ -102,8 +102,7 @@ def find_pairs(
     kind,
     normal,
     depth,
-    begin,
-    end,
+    rows,
     reach,
     lower,
     size,
@@ -119,7 +118,7 @@ def find_pairs(
     other,
     square,
 ):
-    """List the neighbours of some particles: fluid, then walls, then dummies.
+    """List the neighbours of the first particles: fluid, then walls, then dummies.
 
     No pair reaches through a solid, so that liquid on the two sides of a thin baffle does not interact. A wall
     particle is where its surface is, so that one at the edge of a baffle is seen from around it; away from
@@ -134,8 +133,8 @@ def find_pairs(
         Of walls and dummies, into the liquid.
     depth : (n,) float64, m
         Of walls and dummies below their surface.
-    begin, end : int
-        Range of the particles to find neighbours for: fluid or walls.
+    rows : int
+        Number of particles to find neighbours for: fluid and walls.
     reach : float
         Greatest distance of a pair, m.
     lower, size, shape
@@ -150,9 +149,9 @@ def find_pairs(
         Corners of what hides.
     wall_pairs : bool
         Whether walls are also neighbours of walls; the papers' scheme needs that.
-    first : (end - begin + 1,) uint32
+    first : (rows + 1,) uint32
         Filled: where the neighbours of each particle begin in ``other``.
-    last : (end - begin,) uint32
+    last : (rows,) uint32
         Filled: where its dummies begin.
     other : (capacity,) uint32
         Filled: the neighbours. Particles at one place do not see each other.
@@ -170,8 +169,7 @@ def find_pairs(
     capacity = other.shape[0]
     count = np.uint64(0)  # unsigned, as all indices here: a negative one would count from the end, at a cost
     first[0] = 0
-    for row in range(end - begin):
-        i = begin + row
+    for i in range(rows):
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
         cx = min(max(int((x - lower[0]) * ex), 0), shape[0] - 1)
         cy = min(max(int((y - lower[1]) * ey), 0), shape[1] - 1)
@@ -180,7 +178,7 @@ def find_pairs(
         high = min(max(int((z - lower[2] + reach) * ez), 0), shape[2] - 1) + 1
         liquid = kind[i] == 0
         groups = 0 if kind[i] == 3 else 3 if (liquid and beside[cx, cy, cz]) or wall_pairs else 1
-        last[row] = count
+        last[i] = count
         for group in range(groups):
             here = count
             for a in range(max(cx - 1, 0), min(cx + 2, shape[0])):
@@ -201,8 +199,8 @@ def find_pairs(
                     i, position, normal, depth, liquid, reach, solids, here, count, other, square
                 )
             if group < 2:
-                last[row] = count
-        first[row + 1] = count
+                last[i] = count
+        first[i + 1] = count
     return np.int64(count)
 
 
