@@ -309,7 +309,7 @@ def test_smooth_density(dimension, noise):
     known = ~left_out & clear
     assert np.all(out[left_out] == 7.0)
     assert np.count_nonzero(known) > 0.3 * liquid
-    np.testing.assert_allclose(out[known], 1.0 + bell.sum(axis=1)[known], rtol=1e-6)
+    np.testing.assert_allclose(out[known], 1.0 + bell.sum(axis=1)[known], rtol=1e-12)
     assert smooth_weight.py_func(2.0, 2.0) == 0.0
     assert weight.py_func(2.0, 2.0) == pytest.approx(0.0, abs=1e-15)
 

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from parmps.kernels.compiled import added_together, compiled
-from parmps.kernels.weight import spline_weight
+from parmps.kernels.weight import smooth_weight, spline_weight
 
 
 @compiled
@@ -240,28 +240,27 @@ def invert(matrix, floor, dimension, inverse):
 
 
 @added_together
-def _sum_bells(candidates, count, x, y, z, walls):
-    """Sum of `smooth_weight` over the first candidates, in radii; over those that face the particle, of walls."""
-    total, one, none = np.float32(0.0), np.float32(1.0), np.float32(0.0)
+def _sum_bells(candidates, count, x, y, z, reach, walls):
+    """Sum of `smooth_weight` over the first candidates; of walls, over those that face the particle."""
+    total = 0.0
     for k in range(count):
         dx, dy, dz = x - candidates[0, k], y - candidates[1, k], z - candidates[2, k]
-        rest = max(one - math.sqrt(dx * dx + dy * dy + dz * dz), none)
+        bell = smooth_weight(math.sqrt(dx * dx + dy * dy + dz * dz), reach)
         if walls:
             front = dx * candidates[3, k] + dy * candidates[4, k] + dz * candidates[5, k]
-            rest = rest if front > none else none
-        total += rest**4 * (np.float32(5.0) - np.float32(4.0) * rest)
+            bell = bell if front > 0.0 else 0.0
+        total += bell
     return total
 
 
 @compiled
-def _append(values, offset, scale, out):
-    """Write values, moved and scaled, in single precision."""
+def _copy(values, out):
     for k in range(len(values)):
-        out[k] = (values[k] - offset) * scale
+        out[k] = values[k]
 
 
 @compiled
-def _bring_together(group, cell, low, high, corner, per, shape, start, at, facing, count, candidates):
+def _bring_together(group, cell, low, high, shape, start, at, facing, count, candidates):
     """Append the particles of one kind around a cell to the candidates of `_sum_bells`, in a larger array if needed."""
     for a in range(max(cell[0] - 1, 0), min(cell[0] + 2, shape[0])):
         for b in range(max(cell[1] - 1, 0), min(cell[1] + 2, shape[1])):
@@ -269,13 +268,13 @@ def _bring_together(group, cell, low, high, corner, per, shape, start, at, facin
             begin, end = np.int64(start[line + low]), np.int64(start[line + high])
             new = slice(count, count + end - begin)
             if new.stop > candidates.shape[1]:
-                larger = np.empty((6, 2 * new.stop), np.float32)
+                larger = np.empty((6, 2 * new.stop))
                 larger[:, :count] = candidates[:, :count]
                 candidates = larger
             for d in range(3):
-                _append(at[d, begin:end], corner[d], per, candidates[d, new])
+                _copy(at[d, begin:end], candidates[d, new])
                 if group > 0:
-                    _append(facing[d, begin:end], 0.0, 1.0, candidates[3 + d, new])
+                    _copy(facing[d, begin:end], candidates[3 + d, new])
             count = new.stop
     return count, candidates
 
@@ -284,9 +283,8 @@ def _bring_together(group, cell, low, high, corner, per, shape, start, at, facin
 def smooth_density(skip, normal, reach, lower, size, shape, start, order, at, beside, density):
     """Sum the smooth weight around fluid particles, themselves included, over the fluid and the walls that face them.
 
-    What may be near the particles of a cell is brought together once, in single precision and relative to the cell's
-    corner. So a register has twice as many candidates, and summing over all of them takes less time than picking the
-    neighbours. Distances are known to 2e-7 radii; that changes the sum, over hundreds, by a few 1e-7.
+    What may be near the particles of a cell is brought together once. To sum over all of it, several at a time, takes
+    less than to pick the neighbours first.
 
     Parameters
     ----------
@@ -301,14 +299,12 @@ def smooth_density(skip, normal, reach, lower, size, shape, start, order, at, be
     density : (rows,) float64
         Filled, but for those left out and those out of the tank.
     """
-    rows, per = density.shape[0], 1.0 / reach
-    span = int(reach / size[2]) + 1
-    candidates = np.empty((6, 0), np.float32)
-    facing = np.empty((3, len(order)), np.float32)
+    rows, span = density.shape[0], int(reach / size[2]) + 1
+    candidates = np.empty((6, 0))
+    facing = np.empty((3, len(order)))
     for k in range(start[shape[0] * shape[1] * shape[2]], start[-1]):
         for d in range(3):
             facing[d, k] = normal[order[k], d]
-    corner = np.empty(3)
     for cx in range(shape[0]):
         for cy in range(shape[1]):
             for cz in range(shape[2]):
@@ -319,22 +315,17 @@ def smooth_density(skip, normal, reach, lower, size, shape, start, order, at, be
                     wanted |= i < rows and skip[i] == 0
                 if not wanted:
                     continue
-                corner[0], corner[1], corner[2] = cx * size[0], cy * size[1], cz * size[2]
-                corner += lower
                 low, high = max(cz - span, 0), min(cz + span + 1, shape[2])
                 for walls in range(2 if beside[cx, cy, cz] else 1):
                     count = 0
                     for group in range(1, 3) if walls else range(1):
                         count, candidates = _bring_together(
-                            group, (cx, cy, cz), low, high, corner, per, shape, start, at, facing, count, candidates
+                            group, (cx, cy, cz), low, high, shape, start, at, facing, count, candidates
                         )
                     for k in range(len(mine)):
                         i, m = mine[k], start[cell] + k
                         if i < rows and skip[i] == 0:
-                            x = np.float32((at[0, m] - corner[0]) * per)
-                            y = np.float32((at[1, m] - corner[1]) * per)
-                            z = np.float32((at[2, m] - corner[2]) * per)
-                            total = _sum_bells(candidates, count, x, y, z, walls == 1)
+                            total = _sum_bells(candidates, count, at[0, m], at[1, m], at[2, m], reach, walls == 1)
                             density[i] = total if walls == 0 else density[i] + total
 
 
