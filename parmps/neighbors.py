@@ -4,12 +4,9 @@ import numpy as np
 
 from parmps.kernels.pairs import bounds, find_pairs, mark_beside_walls, sort_into_cells, strengths
 
-PART = 1024
-"""Particles whose wide lists are in the cache at a time."""
-
 
 class Pairs:
-    """Neighbours of the rows, or of the fluid alone, within one radius.
+    """Neighbours of the rows within one radius.
 
     The lists are made anew each step: with cell-sorted particles that costs less than checking the longer
     lists that a skin needs, since violent flow moves particles by a fifth of a spacing a step.
@@ -20,8 +17,6 @@ class Pairs:
         Greatest distance, m.
     solids : (m, 2, 3) float64, m
         Corners of the baffles, which no pair reaches through.
-    wall_rows : bool
-        Whether wall particles, too, have neighbours.
     wall_pairs : bool
         Whether wall particles have walls and dummies as neighbours.
 
@@ -37,10 +32,9 @@ class Pairs:
         Number of pairs.
     """
 
-    def __init__(self, reach, solids, wall_rows=True, wall_pairs=False):
+    def __init__(self, reach, solids, wall_pairs=False):
         self._reach = reach
         self._solids = solids
-        self._wall_rows = wall_rows
         self._wall_pairs = wall_pairs
         self._other = np.empty(0, np.uint32)
         self.square = np.empty(0)
@@ -55,42 +49,17 @@ class Pairs:
         ----------
         particles : Particles
         """
-        self._list(particles, self._grid(particles), 0, self._rows(particles))
-
-    def parts(self, particles):
-        """Make the lists of some particles after those of others, so that all stay in the cache.
-
-        Parameters
-        ----------
-        particles : Particles
-
-        Yields
-        ------
-        int, int
-            Range of the particles whose lists there are now.
-        """
-        grid, rows = self._grid(particles), self._rows(particles)
-        for begin in range(0, rows, PART):
-            end = min(begin + PART, rows)
-            self._list(particles, grid, begin, end)
-            yield begin, end
-
-    def _rows(self, particles):
-        return particles.rows if self._wall_rows else particles.liquid
-
-    def _list(self, particles, grid, begin, end):
-        """Make the lists of a range of particles."""
-        first, last = np.empty(end - begin + 1, np.uint32), np.empty(end - begin, np.uint32)
+        cells, rows = sorted_cells(particles, self._reach), particles.rows
+        first, last = np.empty(rows + 1, np.uint32), np.empty(rows, np.uint32)
         while True:
             self.count = find_pairs(
                 particles.position,
                 particles.kind,
                 particles.normal,
                 particles.depth,
-                begin,
-                end,
+                rows,
                 self._reach,
-                *grid,
+                *cells,
                 self._solids,
                 self._wall_pairs,
                 first,
@@ -100,7 +69,7 @@ class Pairs:
             )
             if self.count >= 0:
                 break
-            capacity = 2 * len(self._other) + 32 * (end - begin) + 1024
+            capacity = 2 * len(self._other) + 32 * rows + 1024
             self._other, self.square = np.empty(capacity, np.uint32), np.empty(capacity)
         self.lists = first, self._other
         self.wet = first, last, self._other
@@ -131,18 +100,31 @@ class Pairs:
         strengths(self.square, self.count, l0, radius, self.square)
         return self.square, self._second
 
-    def _grid(self, particles):
-        """Particles in cells of the size of the radius, a quarter of it along z; larger where spray flies far."""
-        lower, upper = bounds(particles.position, particles.kind, len(particles))
-        if not np.all(lower <= upper):
-            lower = upper = np.zeros(3)
-        size = self._reach * np.array([1.0, 1.0, 0.25])
-        shape = np.floor((upper - lower) / size).astype(np.int64) + 1
-        most = 8 * len(particles) + 64
-        while shape.prod() > most:
-            axis = np.argmax(shape)
-            shape[axis] = (shape[axis] + 1) // 2
-            size[axis] *= 2.0
-        grid = lower, size, shape
-        cells = sort_into_cells(particles.position, particles.kind, *grid)
-        return (*grid, *cells, mark_beside_walls(cells[0], shape, int(self._reach / size[2]) + 1))
+
+def sorted_cells(particles, reach):
+    """Sort particles into cells of the size of a radius, a quarter of it along z; larger where spray flies far.
+
+    Parameters
+    ----------
+    particles : Particles
+    reach : float
+        The radius, m.
+
+    Returns
+    -------
+    tuple
+        ``lower, size, shape, start, order, at, beside`` of `find_pairs`.
+    """
+    lower, upper = bounds(particles.position, particles.kind, len(particles))
+    if not np.all(lower <= upper):
+        lower = upper = np.zeros(3)
+    size = reach * np.array([1.0, 1.0, 0.25])
+    shape = np.floor((upper - lower) / size).astype(np.int64) + 1
+    most = 8 * len(particles) + 64
+    while shape.prod() > most:
+        axis = np.argmax(shape)
+        shape[axis] = (shape[axis] + 1) // 2
+        size[axis] *= 2.0
+    grid = lower, size, shape
+    cells = sort_into_cells(particles.position, particles.kind, *grid)
+    return (*grid, *cells, mark_beside_walls(cells[0], shape, int(reach / size[2]) + 1))

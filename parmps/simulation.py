@@ -179,7 +179,6 @@ class Simulation:
         reach = max(scheme.radius, scheme.laplacian_radius) * self.l0
         moved = scheme.position == "moved"
         self.pairs = Pairs(reach, self.geometry.obstacles, wall_pairs=moved)
-        self.wide_pairs = Pairs(scheme.volume_radius * self.l0, self.geometry.obstacles[:0], wall_rows=False)
         wide = scheme.volume_radius if scheme.volume_time is not None else 0.0
         self.halo_reach = max(reach, wide * self.l0)
         self.halo_width = self.halo_reach + HALO_MARGIN * self.l0

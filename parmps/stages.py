@@ -25,6 +25,7 @@ from parmps.interfaces import (
 from parmps.kernels import density, gradient, poisson, shifting, velocity, viscosity
 from parmps.kernels.weight import weight
 from parmps.liquids import Liquids
+from parmps.neighbors import sorted_cells
 from parmps.particles import DUMMY, FLUID, WALL
 from parmps.smoothing import add_surface_tension, mass_density, smooth_mass_density
 from parmps.surface import find_surface_pressure
@@ -390,19 +391,19 @@ def smooth_density(sim):
     Returns
     -------
     ratio : (liquid,) float64
+        Where the support is whole.
     inside : (liquid,) bool
         Where the support is whole: away from the surface, which is half a spacing above its particles.
     """
     p, s, w = sim.particles, sim.scheme, sim.work
-    wide = sim.wide_pairs
-    for begin, end in wide.parts(p):
-        density.smooth_density(wide.lists[0], wide.square, sim.l0, s.volume_radius, end - begin, w.smooth[begin:end])
     near = w.near
     near[:] = w.surface
     for _ in range(math.ceil((SUPPORT * s.volume_radius - 0.5) / s.radius)):
         source = near.copy()
         sim.domain.exchange(source)
         density.spread(source, *sim.pairs.lists, p.liquid, near)
+    reach = s.volume_radius * sim.l0
+    density.smooth_density(near, p.normal, reach, *sorted_cells(p, reach), w.smooth[: p.liquid])
     full = sim.wide_lattice.smooth_density * sim.packing()
     return w.smooth[: p.liquid] / full, near[: p.liquid] == 0
 

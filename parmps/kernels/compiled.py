@@ -7,3 +7,8 @@ compiled = njit(cache=True, error_model="numpy", fastmath={"contract", "arcp", "
 
 Sums keep their order, too: they are over a dozen neighbours each, too few for vector registers to pay.
 """
+
+added_together = njit(
+    inline="never", error_model="numpy", fastmath={"contract", "arcp", "nsz", "reassoc"}, nogil=True
+)
+"""Decorator of a loop over hundreds of terms, which vector registers add in another order."""

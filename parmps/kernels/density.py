@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numba import njit
 
-from parmps.kernels.compiled import compiled
+from parmps.kernels.compiled import added_together, compiled
 from parmps.kernels.weight import smooth_weight, spline_weight
 
 
@@ -239,33 +239,94 @@ def invert(matrix, floor, dimension, inverse):
         inverse[i, 3], inverse[i, 4], inverse[i, 5] = m[3], m[4], m[5]
 
 
+@added_together
+def _sum_bells(candidates, count, x, y, z, reach, walls):
+    """Sum of `smooth_weight` over the first candidates; of walls, over those that face the particle."""
+    total = 0.0
+    for k in range(count):
+        dx, dy, dz = x - candidates[0, k], y - candidates[1, k], z - candidates[2, k]
+        bell = smooth_weight(math.sqrt(dx * dx + dy * dy + dz * dz), reach)
+        if walls:
+            front = dx * candidates[3, k] + dy * candidates[4, k] + dz * candidates[5, k]
+            bell = bell if front > 0.0 else 0.0
+        total += bell
+    return total
+
+
 @compiled
-def smooth_density(first, square, l0, reach, rows, density):
-    """Sum the smooth weight around each fluid particle, itself included.
+def _copy(values, out):
+    for k in range(len(values)):
+        out[k] = values[k]
+
+
+@compiled
+def _bring_together(group, cell, low, high, shape, start, at, facing, count, candidates):
+    """Append the particles of one kind around a cell to the candidates of `_sum_bells`, in a larger array if needed."""
+    for a in range(max(cell[0] - 1, 0), min(cell[0] + 2, shape[0])):
+        for b in range(max(cell[1] - 1, 0), min(cell[1] + 2, shape[1])):
+            line = ((group * shape[0] + a) * shape[1] + b) * shape[2]
+            begin, end = np.int64(start[line + low]), np.int64(start[line + high])
+            new = slice(count, count + end - begin)
+            if new.stop > candidates.shape[1]:
+                larger = np.empty((6, 2 * new.stop))
+                larger[:, :count] = candidates[:, :count]
+                candidates = larger
+            for d in range(3):
+                _copy(at[d, begin:end], candidates[d, new])
+                if group > 0:
+                    _copy(facing[d, begin:end], candidates[3 + d, new])
+            count = new.stop
+    return count, candidates
+
+
+@compiled
+def smooth_density(skip, normal, reach, lower, size, shape, start, order, at, beside, density):
+    """Sum the smooth weight around fluid particles, themselves included, over the fluid and the walls that face them.
+
+    What may be near the particles of a cell is brought together once. To sum over all of it, several at a time, takes
+    less than to pick the neighbours first.
 
     Parameters
     ----------
-    first : (rows + 1,) int64
-        Where the pairs of each particle begin.
-    square : (pairs,) float64, m2
-        As made by `find_pairs`, for neighbours as far as ``reach`` at least; changed.
-    l0 : float
-        Spacing, m.
+    skip : (n,) int8
+        Particles that are marked are left out.
+    normal : (n, 3) float64
+        Of walls and dummies, into the liquid; baffles hide nothing else.
     reach : float
-        In spacings.
-    rows : int
-        Number of particles to sum around.
+        Radius of the weight, m.
+    lower, size, shape, start, order, at, beside
+        As in `find_pairs`.
     density : (rows,) float64
-        Filled.
+        Filled, but for those left out and those out of the tank.
     """
-    per = 1.0 / (reach * l0)
-    for k in range(first[rows]):
-        square[k] = smooth_weight(math.sqrt(square[k]) * per, 1.0)
-    for i in range(rows):
-        total = 1.0
-        for k in range(first[i], first[i + 1]):
-            total += square[k]
-        density[i] = total
+    rows, span = density.shape[0], int(reach / size[2]) + 1
+    candidates = np.empty((6, 0))
+    facing = np.empty((3, len(order)))
+    for k in range(start[shape[0] * shape[1] * shape[2]], start[-1]):
+        for d in range(3):
+            facing[d, k] = normal[order[k], d]
+    for cx in range(shape[0]):
+        for cy in range(shape[1]):
+            for cz in range(shape[2]):
+                cell = (cx * shape[1] + cy) * shape[2] + cz
+                mine = order[start[cell] : start[cell + 1]]
+                wanted = False
+                for i in mine:
+                    wanted |= i < rows and skip[i] == 0
+                if not wanted:
+                    continue
+                low, high = max(cz - span, 0), min(cz + span + 1, shape[2])
+                for walls in range(2 if beside[cx, cy, cz] else 1):
+                    count = 0
+                    for group in range(1, 3) if walls else range(1):
+                        count, candidates = _bring_together(
+                            group, (cx, cy, cz), low, high, shape, start, at, facing, count, candidates
+                        )
+                    for k in range(len(mine)):
+                        i, m = mine[k], start[cell] + k
+                        if i < rows and skip[i] == 0:
+                            total = _sum_bells(candidates, count, at[0, m], at[1, m], at[2, m], reach, walls == 1)
+                            density[i] = total if walls == 0 else density[i] + total
 
 
 @compiled
