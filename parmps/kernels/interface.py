@@ -637,7 +637,7 @@ def pressure_gradient(
     """Acceleration grad P / rho at an interface, where its tangential part jumps with the density.
 
     Least squares for the acceleration a of the own liquid beyond the body force f: on a link of volume b the
-    pressure says b (P_j - P_i) - f . d = a' . d', where d' is d with its part along the interface multiplied by
+    pressure says b (P_j - P_i) = (f + a') . d', where d' is d with its part along the interface multiplied by
     b rho_i, since P itself is continuous there. Where surface tension makes it jump, the jump changes along the
     interface: what continues the own side to the neighbour is P_j with the jump there, not that in the middle of the
     link, which the pressure equation has. The difference acts along the interface. Particles of little support take
@@ -691,7 +691,6 @@ def pressure_gradient(
                 b = volume[mine, its]
                 if tension is not None and mine != its:
                     there -= pressure_jump(tension[mine, its], bend[i], bend[j])
-            q = b * (there - here) * per_pressure - force[i, 0] * dx - force[i, 1] * dy - force[i, 2] * dz
             if normal is not None and kind[j] == 0 and mine != its and support[i] == 1.0:
                 nx = normal[i, 0] - normal[j, 0]
                 ny = normal[i, 1] - normal[j, 1]
@@ -707,6 +706,7 @@ def pressure_gradient(
                 dx = t * dx + (1.0 - t) * along * nx
                 dy = t * dy + (1.0 - t) * along * ny
                 dz = t * dz + (1.0 - t) * along * nz
+            q = b * (there - here) * per_pressure - force[i, 0] * dx - force[i, 1] * dy - force[i, 2] * dz
             s = scale * l0 * l0 * strength[k]
             total += s
             mean += s * q
