@@ -3,7 +3,15 @@
 import numpy as np
 import pytest
 
-from parmps.interfaces import SLIP, correct_acceleration, correct_divergence, find_curvature
+from parmps.interfaces import (
+    SHIFT_ACROSS,
+    SHIFT_TOGETHER,
+    SLIP,
+    correct_acceleration,
+    correct_divergence,
+    find_curvature,
+    limit_shifting,
+)
 from parmps.kernels import viscosity
 from parmps.kernels.weight import lattice
 from parmps.liquids import Liquids
@@ -120,8 +128,21 @@ def test_acceleration_where_the_density_jumps(start, ratio, tilt):
     inner = near.index[np.abs(p.position[near.index, 0] - 0.1) < 0.05]
     correct_acceleration(sim)
     np.testing.assert_allclose(p.acceleration[inner, 0], slope / rho[inner], rtol=1e-9)
-    # links over two rows do not cross the interface in their middle: what the body force leaves, times a few thousandths
+    # links over two rows do not cross the interface in their middle
     np.testing.assert_allclose(p.acceleration[inner, 2], pull, atol=6e-3 * (pull + 9.0))
+
+
+def test_shifting_closes_gaps_but_hardly_moves_an_interface(start):
+    sim = start(two())
+    p, near = ready(sim)
+    side = np.where(p.fluid == 0, 1.0, -1.0)
+    inner = near.index[np.abs(p.position[near.index, 0] - 0.1) < 0.05]
+    first = inner[np.abs(p.position[inner, 2] - 0.06) < sim.l0]
+    for together, share in ((np.ones_like(side), SHIFT_TOGETHER), (side, SHIFT_ACROSS)):
+        sim.work.asymmetry[:] = [0.0, 0.0, 0.1] * together[:, None]
+        limit_shifting(sim)
+        np.testing.assert_allclose(sim.work.asymmetry[first, 2], 0.1 * share * together[first], rtol=1e-9)
+        np.testing.assert_allclose(sim.work.asymmetry[first, 0], 0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("ratio", [1.0, 10.0, 1e6])
