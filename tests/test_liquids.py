@@ -3,7 +3,15 @@
 import numpy as np
 import pytest
 
-from parmps.interfaces import SLIP, correct_acceleration, correct_divergence, find_curvature
+from parmps.interfaces import (
+    SHIFT_ACROSS,
+    SHIFT_TOGETHER,
+    SLIP,
+    correct_acceleration,
+    correct_divergence,
+    find_curvature,
+    limit_shifting,
+)
 from parmps.kernels import viscosity
 from parmps.kernels.weight import lattice
 from parmps.liquids import Liquids
@@ -104,19 +112,37 @@ def test_liquids_slip_no_faster_than_the_shortest_waves(start, share):
     assert len(near.slipping) == (len(near.index) if share < 1.0 else 0)
 
 
-def test_acceleration_where_the_density_jumps(start):
-    """Pressure linear along an interface accelerates the lighter liquid more; across it, both alike."""
-    sim = start(two(lower=2000.0, upper=500.0))
+@pytest.mark.parametrize("tilt", [0.0, 4.0])
+@pytest.mark.parametrize("ratio", [1.3, 3.0, 1000.0])
+def test_acceleration_where_the_density_jumps(start, ratio, tilt):
+    """Pressure linear along an interface accelerates the lighter liquid more; across it, both alike.
+
+    A body force with a part along the interface, as on a slope, does not change that.
+    """
+    sim = start(two(lower=1000.0, upper=1000.0 / ratio))
     p, near = ready(sim)
     slope, pull = 700.0, 3.0
     rho = sim.liquids.density[p.fluid]
     p.pressure[:] = slope * p.position[:, 0] + pull * rho * (p.position[:, 2] - 0.06)
-    sim.work.force[:] = 0.0
+    sim.work.force[: p.liquid] = [tilt, 0.0, -9.0]
     inner = near.index[np.abs(p.position[near.index, 0] - 0.1) < 0.05]
     correct_acceleration(sim)
     np.testing.assert_allclose(p.acceleration[inner, 0], slope / rho[inner], rtol=1e-9)
     # links over two rows do not cross the interface in their middle
-    np.testing.assert_allclose(p.acceleration[inner, 2], pull, rtol=6e-3)
+    np.testing.assert_allclose(p.acceleration[inner, 2], pull, atol=6e-3 * (pull + 9.0))
+
+
+def test_shifting_closes_gaps_but_hardly_moves_an_interface(start):
+    sim = start(two())
+    p, near = ready(sim)
+    side = np.where(p.fluid == 0, 1.0, -1.0)
+    inner = near.index[np.abs(p.position[near.index, 0] - 0.1) < 0.05]
+    first = inner[np.abs(p.position[inner, 2] - 0.06) < sim.l0]
+    for together, share in ((np.ones_like(side), SHIFT_TOGETHER), (side, SHIFT_ACROSS)):
+        sim.work.asymmetry[:] = [0.0, 0.0, 0.1] * together[:, None]
+        limit_shifting(sim)
+        np.testing.assert_allclose(sim.work.asymmetry[first, 2], 0.1 * share * together[first], rtol=1e-9)
+        np.testing.assert_allclose(sim.work.asymmetry[first, 0], 0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("ratio", [1.0, 10.0, 1e6])

@@ -637,7 +637,7 @@ def pressure_gradient(
     """Acceleration grad P / rho at an interface, where its tangential part jumps with the density.
 
     Least squares for the acceleration a of the own liquid beyond the body force f: on a link of volume b the
-    pressure says b (P_j - P_i) - f . d = a' . d', where d' is d with its part along the interface multiplied by
+    pressure says b (P_j - P_i) = (f + a') . d', where d' is d with its part along the interface multiplied by
     b rho_i, since P itself is continuous there. Where surface tension makes it jump, the jump changes along the
     interface: what continues the own side to the neighbour is P_j with the jump there, not that in the middle of the
     link, which the pressure equation has. The difference acts along the interface. Particles of little support take
@@ -691,7 +691,6 @@ def pressure_gradient(
                 b = volume[mine, its]
                 if tension is not None and mine != its:
                     there -= pressure_jump(tension[mine, its], bend[i], bend[j])
-            q = b * (there - here) * per_pressure - force[i, 0] * dx - force[i, 1] * dy - force[i, 2] * dz
             if normal is not None and kind[j] == 0 and mine != its and support[i] == 1.0:
                 nx = normal[i, 0] - normal[j, 0]
                 ny = normal[i, 1] - normal[j, 1]
@@ -707,6 +706,7 @@ def pressure_gradient(
                 dx = t * dx + (1.0 - t) * along * nx
                 dy = t * dy + (1.0 - t) * along * ny
                 dz = t * dz + (1.0 - t) * along * nz
+            q = b * (there - here) * per_pressure - force[i, 0] * dx - force[i, 1] * dy - force[i, 2] * dz
             s = scale * l0 * l0 * strength[k]
             total += s
             mean += s * q
@@ -757,48 +757,86 @@ def pressure_gradient(
 
 @compiled
 def hold_shifting(
-    position, kind, fluid, sheet, normal, near, first, last, other, strength, share, uncertain, n0, dimension, asymmetry
+    position,
+    kind,
+    surface,
+    fluid,
+    sheet,
+    normal,
+    near,
+    first,
+    last,
+    other,
+    strength,
+    share,
+    together,
+    uncertain,
+    n0,
+    dimension,
+    asymmetry,
 ):
-    """Leave of the asymmetry, as in `moments`, what the own liquid makes along the interface, and a share across it.
+    """Leave of the asymmetry, as in `moments`, the own liquid's part along the interface, and shares of it across.
+
+    Across, the mean of both sides, each of which has half the say, would move the interface; what differs from it
+    closes gaps between the liquids and evens out their rows.
 
     Parameters
     ----------
+    surface : (n,) int8
+        Particles in the surface do not count in that mean.
     position, kind, fluid, sheet, near, first, last, other, strength, n0, dimension
         As in `own_gradient`.
     normal : (n, 3) float64
         As made by `normals`.
-    share : float
-        That share.
+    share, together : float
+        Shares of what differs and of the mean.
     uncertain : float
         Length of a normal below which it says little: the other liquid counts, too, and across it there is more.
     asymmetry : (n, 3) float64
         Changed for those particles.
     """
     scale = dimension / n0
-    for i in near:
+    fresh = np.empty((near.shape[0], 3))
+    for a in range(near.shape[0]):
+        i = near[a]
         mine = fluid[i]
+        nx, ny, nz = normal[i, 0], normal[i, 1], normal[i, 2]
         ox = oy = oz = 0.0
+        ours = theirs = within = across = 0.0
         for k in range(first[i], last[i]):
             j = other[k]
+            if kind[j] != 0:
+                continue
             dx = position[j, 0] - position[i, 0]
             dy = position[j, 1] - position[i, 1]
             dz = position[j, 2] - position[i, 2]
-            beyond = (kind[j] == 0) & sheet[mine, fluid[j]]
-            s = scale * strength[k] * _length(dx, dy, dz) if beyond else 0.0
-            ox -= s * dx
-            oy -= s * dy
-            oz -= s * dz
-        nx, ny, nz = normal[i, 0], normal[i, 1], normal[i, 2]
+            r = _length(dx, dy, dz)
+            s = scale * strength[k] * r
+            part = s * r if surface[j] == 0 else 0.0
+            there = part * (asymmetry[j, 0] * nx + asymmetry[j, 1] * ny + asymmetry[j, 2] * nz)
+            if sheet[mine, fluid[j]]:
+                ox -= s * dx
+                oy -= s * dy
+                oz -= s * dz
+                theirs += part
+                across += there
+            else:
+                ours += part
+                within += there
         wx, wy, wz = asymmetry[i, 0], asymmetry[i, 1], asymmetry[i, 2]
         steep2 = nx * nx + ny * ny + nz * nz
         bound = max(steep2, uncertain * uncertain)
         certain = steep2 / bound
-        ox, oy, oz = certain * ox, certain * oy, certain * oz
-        held = 1.0 - share
-        along = ((ox - held * wx) * nx + (oy - held * wy) * ny + (oz - held * wz) * nz) / bound
-        asymmetry[i, 0] = wx - ox + along * nx
-        asymmetry[i, 1] = wy - oy + along * ny
-        asymmetry[i, 2] = wz - oz + along * nz
+        common = 0.5 * (within / (ours + 1e-300) + across / (theirs + 1e-300))
+        here = wx * nx + wy * ny + wz * nz
+        along = ox * nx + oy * ny + oz * nz - here + share * (here - common) + together * common
+        along /= bound
+        fresh[a, 0] = wx - certain * ox + along * nx
+        fresh[a, 1] = wy - certain * oy + along * ny
+        fresh[a, 2] = wz - certain * oz + along * nz
+    for a in range(near.shape[0]):
+        i = near[a]
+        asymmetry[i, 0], asymmetry[i, 1], asymmetry[i, 2] = fresh[a, 0], fresh[a, 1], fresh[a, 2]
 
 
 @compiled
