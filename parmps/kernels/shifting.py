@@ -14,17 +14,16 @@ there to the mean of its neighbours below. On the lattice, in waves of 20 spacin
 
 
 @njit(inline="always")
-def surface_gradient(i, position, kind, surface, gradient, first, last, other, strength, out):
+def surface_gradient(i, kind, surface, gradient, first, last, other, strength, out):
     """Velocity gradient between a surface particle and the surface, from its own and that of the liquid below.
 
     The own one is fitted to what is below, and in a wave is that of 0.36 spacings below the particle; the mean over the
-    neighbours that are not of the surface is that of 1.03 spacings below.
+    neighbours that are not of the surface is that of 1.02 spacings below.
 
     Parameters
     ----------
     i : int
         The particle.
-    position : (n, 3) float64, m
     kind, surface : (n,) int8
     gradient : (n, 9) float64, 1/s
     first, last, other
@@ -37,15 +36,12 @@ def surface_gradient(i, position, kind, surface, gradient, first, last, other, s
     total = 0.0
     for c in range(9):
         out[c] = 0.0
-    x, y, z = position[i, 0], position[i, 1], position[i, 2]
     for k in range(first[i], last[i]):
         j = other[k]
         if kind[j] == 0 and surface[j] == 0:
-            dx, dy, dz = position[j, 0] - x, position[j, 1] - y, position[j, 2] - z
-            w = strength[k] * (dx * dx + dy * dy + dz * dz)
-            total += w
+            total += strength[k]
             for c in range(9):
-                out[c] += w * (gradient[i, c] - gradient[j, c])
+                out[c] += strength[k] * (gradient[i, c] - gradient[j, c])
     share = BEYOND / max(total, 1e-300)
     for c in range(9):
         out[c] = gradient[i, c] + share * out[c]
@@ -133,7 +129,7 @@ def move(
         half = 0.5 * l0
         if surface[i] != 0:
             half = surface_distance
-            surface_gradient(i, position, kind, surface, gradient, first, last, other, strength, slope)
+            surface_gradient(i, kind, surface, gradient, first, last, other, strength, slope)
             h = slope
             qx, qy, qz = lean[i, 0], lean[i, 1], lean[i, 2]
         elif beyond is not None:
