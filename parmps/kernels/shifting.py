@@ -124,22 +124,22 @@ def move(
         py = dt * velocity[i, 1] + reach * sy
         pz = dt * velocity[i, 2] + reach * sz
         g = gradient[i]
-        h = g
         qx = qy = qz = 0.0
         half = 0.5 * l0
         if surface[i] != 0:
             half = surface_distance
             surface_gradient(i, kind, surface, gradient, first, last, other, strength, slope)
-            h = slope
             qx, qy, qz = lean[i, 0], lean[i, 1], lean[i, 2]
         elif beyond is not None:
             qx, qy, qz = beyond[i, 0], beyond[i, 1], beyond[i, 2]
+            for c in range(9):
+                slope[c] = g[c]
         size = math.sqrt(qx * qx + qy * qy + qz * qz)
         if size > 0.0:
             half *= dt * min(size / surface_lean, 1.0) / size
-            ex = half * (h[0] * qx + h[1] * qy + h[2] * qz)
-            ey = half * (h[3] * qx + h[4] * qy + h[5] * qz)
-            ez = half * (h[6] * qx + h[7] * qy + h[8] * qz)
+            ex = half * (slope[0] * qx + slope[1] * qy + slope[2] * qz)
+            ey = half * (slope[3] * qx + slope[4] * qy + slope[5] * qz)
+            ez = half * (slope[6] * qx + slope[7] * qy + slope[8] * qz)
             size = math.sqrt(ex * ex + ey * ey + ez * ez)
             limit = min(1.0, 0.05 * l0 / max(size, 1e-300))
             px += limit * ex
