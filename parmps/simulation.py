@@ -61,6 +61,7 @@ COUNTERS = (
     "contacts",
     "put_back",
     "surface_distance",
+    "volume_error",
     "iterations",
     "iterations_max",
     "step_min",
@@ -151,6 +152,8 @@ class Simulation:
         Greatest suction that the flow can make, Pa: rho (u^2/2 + f L) by Bernoulli's equation, with the greatest
         speed u, the body force f and the longest side L of the tank. More is noise, as where a jet meets an edge,
         and would feed energy to the liquid.
+    volume_error : float
+        Mean of the last measured compression.
     contacts, put_back : int
         Of this rank: contacts of close particles, particles put back from walls.
     """
@@ -171,6 +174,7 @@ class Simulation:
         self.wide_lattice = lattice(job.dimension, scheme.volume_radius)
         self.surface_lean = self.lattice.lean
         self.surface_distance = 0.5 * self.l0
+        self.volume_error = 0.0
         self.plan = make_plan(job, domain.size)
         self.seconds = {stage.name: 0.0 for stage in (*self.plan.solve, *self.plan.move)}
         self.solver = PressureSolver(domain.comm, scheme.ksp_rtol * self.liquids.contrast, scheme.hierarchy_excess)

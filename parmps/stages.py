@@ -33,6 +33,9 @@ from parmps.surface import find_surface_pressure
 VOLUME_EVERY = 5
 """Steps between two measurements of the volume error and of the surface row, which change slowly."""
 
+VOLUME_OFF, VOLUME_SOON = 0.002, 2
+"""Mean volume error beyond which violent flow makes room faster than that, and the steps between measurements then."""
+
 SUPPORT = 0.8
 """Share of the smooth weight's radius within which its support must be whole: less than 0.1 % of its sum is missing
 where a flat surface is further away."""
@@ -379,10 +382,17 @@ def measure_volume(sim):
     Near the surface, where the support is cut, there is none.
     """
     p = sim.particles
-    if sim.step_number % VOLUME_EVERY:
+    if sim.step_number % volume_every(sim):
         return
     ratio, inside = smooth_density(sim)
     p.compression[: p.liquid] = np.where(inside, np.clip(ratio - 1.0, -0.05, 0.05), 0.0)
+    total, count = sim.domain.sum(np.array([p.compression[: p.liquid].sum(), float(np.count_nonzero(inside))]))
+    sim.volume_error = total / max(count, 1.0)
+
+
+def volume_every(sim):
+    """Steps between two measurements of the volume error."""
+    return VOLUME_EVERY if abs(sim.volume_error) < VOLUME_OFF else VOLUME_SOON
 
 
 def smooth_density(sim):
@@ -562,7 +572,7 @@ def measure_divergence(sim):
             max(1.0 / s.volume_time, VOLUME_SHARE * sim.courant / sim.dt),
             VOLUME_STRAIN,
             sim.grid_number / sim.dt,
-            VOLUME_MOST / (VOLUME_EVERY * sim.dt),
+            VOLUME_MOST / (volume_every(sim) * sim.dt),
             trace,
         )
     over = over / sim.packing()
