@@ -21,11 +21,9 @@ from parmps.tank import initial_velocity, place
 
 HALO_MARGIN = 1.6
 """Width of the halo beyond the largest radius, in spacings: how far particles may move before it is renewed."""
-COSTS = (1.0, 0.5, 0.05, 0.05)
-"""Cost of a particle of each kind, which the ranks share evenly."""
-BALANCE_EVERY = 50
+BALANCE_EVERY = 10
 """Steps between two looks at the balance of the ranks."""
-IMBALANCE = 1.05
+IMBALANCE = 1.03
 """Largest over mean cost of the ranks beyond which particles are distributed anew."""
 SORT_EVERY = 400
 """Steps after which particles are sorted again for the sake of the caches."""
@@ -214,15 +212,32 @@ class Simulation:
 
     def distribute(self):
         """Give every rank its particles, rows and halo; forget all that depends on the past."""
-        p = self.particles
-        self.particles = self.domain.distribute(p, np.choose(p.kind[: p.owned], COSTS), 2.0 * self.l0)
-        p = self.particles
-        self._first_row = self.domain.first_of(p.rows)
-        for solver in self.solvers:
-            solver.new_layout(p.rows)
+        if self.domain.size > 1:
+            self._spread(np.ones(self.particles.owned))
+        self._spread(self.costs() if self.domain.size > 1 else np.ones(self.particles.owned))
         self._sorted_at, self._blocks = self.step_number, None
         self.floating, self._check_floating = Floating(np.full(0, -1), 0), True
+
+    def _spread(self, cost):
+        """Give every rank particles of the same total cost, and find the halo."""
+        self.particles = self.domain.distribute(self.particles, cost, 2.0 * self.l0)
+        self._first_row = self.domain.first_of(self.particles.rows)
+        for solver in self.solvers:
+            solver.new_layout(self.particles.rows)
         self.rebuild_halo()
+
+    def costs(self):
+        """Cost of each of this rank's particles, which the ranks share evenly: its neighbours', and its own.
+
+        Returns
+        -------
+        (owned,) float64
+        """
+        p = self.particles
+        self.pairs.find(p)
+        cost = np.ones(p.owned)
+        cost[: p.rows] += np.diff(self.pairs.lists[0])
+        return cost
 
     def rebuild_halo(self):
         """Find the halo anew, number the rows of the pressure equation in it, and size the arrays of the step."""
@@ -248,7 +263,7 @@ class Simulation:
             return
         due = self.step_number - self._sorted_at >= SORT_EVERY
         if not due and self.step_number % BALANCE_EVERY == 0 and self.domain.size > 1:
-            cost = float(self.pairs.count + self.domain.halo + self.particles.rows)
+            cost = float(self.pairs.count + self.particles.owned)
             mean = self.domain.sum(cost) / self.domain.size
             due = self.domain.max(cost) > IMBALANCE * mean
         if due:

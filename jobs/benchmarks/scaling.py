@@ -41,12 +41,12 @@ from provenance import provenance  # noqa: E402
 from parmps.checkpoint import read_header, read_slabs  # noqa: E402
 from parmps.domain import BISECTIONS, Domain  # noqa: E402
 from parmps.loader import load_job  # noqa: E402
-from parmps.particles import FLUID, WALL  # noqa: E402
+from parmps.particles import FLUID, WALL, Particles  # noqa: E402
 from parmps.pressure import PRESSURE_OPTIONS  # noqa: E402
-from parmps.simulation import COSTS, SORT_EVERY, Simulation  # noqa: E402
+from parmps.simulation import SORT_EVERY, Simulation  # noqa: E402
 
 HALO_WORK = 0.05
-"""Work of a halo particle over that of an owned one: as the bisection weighs dummies."""
+"""Work of a halo particle over that of an owned one, as of a dummy: it is a candidate of the neighbour search alone."""
 DOTS = 3
 """Reductions in an iteration of PETSc's CG: two products and a norm."""
 SWEEPS = 4
@@ -161,12 +161,12 @@ def load_state(job, checkpoint, domain):
     State
     """
     sim = Simulation(job, domain)
-    sim.close()
-    position, kind = sim.particles.position, sim.particles.kind
     if checkpoint is not None:
-        arrays = read_slabs(checkpoint, range(len(read_header(checkpoint).slabs)))
-        position, kind = arrays["position"], arrays["kind"]
-    return State(position, np.choose(kind, COSTS), (kind == FLUID) | (kind == WALL), sim.halo_width)
+        sim.particles = Particles(read_slabs(checkpoint, range(len(read_header(checkpoint).slabs))))
+        sim.distribute()
+    sim.close()
+    kind = sim.particles.kind
+    return State(sim.particles.position, sim.costs(), (kind == FLUID) | (kind == WALL), sim.halo_width)
 
 
 def measure_traffic():
