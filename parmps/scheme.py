@@ -95,7 +95,7 @@ class Scheme(Section):
     )
     shifting: Number = setting(
         "shifting of particles towards even spacing, over the asymmetry of their neighbours, per "
-        "(sqrt(f / l0) + 2 u / l0) dt (position start; after Khayyer 2017)",
+        "(sqrt(f / l0) + 1.5 u / l0) dt (position start; after Khayyer 2017)",
         default=0.6,
         ge=0,
         le=10,

@@ -734,7 +734,7 @@ def move(sim):
         sim.l0,
         sim.surface_lean,
         sim.surface_distance,
-        min(s.shifting * (sim.grid_number + 2.0 * sim.courant), 0.2),
+        min(s.shifting * (sim.grid_number + 1.5 * sim.courant), 0.2),
         sim.dt,
         p.liquid,
         beyond,
