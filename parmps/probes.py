@@ -25,6 +25,10 @@ LEAST_ROW = 1.0 / 3.0  # of the row in the surface; where a gauge sees less of i
 BAND = 2.0  # in lattice steps; how far from the end of the main body a gauge looks for the row of its surface
 EVEN = 0.1  # in lattice steps; along which particles are spread less, a gauge sees no slope
 ROW, COLUMN = np.triu_indices(3)
+BESIDE = 0.93  # greatest share of the own liquid in the row beside an interface: 0.85 on the lattice, 1.0 in the next
+THIN_BAND = 0.8  # in lattice steps; as BAND for the rows beside an interface, less than from there to the next ones
+WIDTH, SLOPE_WIDTH = 2.0, 4.0  # in lattice steps; knots of the weights for the height of an interface and its slope
+DOUBT = 0.03  # slope of an interface of which half is believed: at a wall, rows at rest make 0.02 of their own
 MAX_VOID = 1.5  # in spacings; a smaller gap in the liquid below a gauge is a passing void, not a surface
 
 
@@ -222,15 +226,75 @@ class ElevationGauge:
         """Places along the earth's axes, heights above the lowest node: (n, 3) float64, m."""
         return position @ frame.rotation.T + frame.origin - [0.0, 0.0, self.base]
 
-    def _seen(self, state):
-        """Liquid near the column: positions along its axes, (k, 3) float64, m, and numbers of the particles, (k,)."""
+    def _seen(self, state, width):
+        """Find the liquid near the column.
+
+        Parameters
+        ----------
+        state : object
+            See the module.
+        width : float
+            Between the knots of the widest weights, in lattice steps.
+
+        Returns
+        -------
+        position : (k, 3) float64, m
+            Along the column's axes.
+        number : (k,) int
+            Of the particles.
+        """
         number = np.flatnonzero(state.kind == FLUID)
         position = state.position[number]
         if self.earth:
             self._stand(state.frame)
             position = self._on_earth(position, state.frame)
-        near = (np.abs(position[:, :2] - self.at) < 2 * self.steps[:2]).all(axis=1)
+        near = (np.abs(position[:, :2] - self.at) < 2 * width * self.steps[:2]).all(axis=1)
         return position[near], number[near]
+
+    def _moments(self, row, width):
+        """Moments of the particles of a row by the node nearest to them: (9, nodes) float64.
+
+        Sums of their weights times 1, x, y, x^2, xy, y^2, z, xz and yz, from the gauge and from the node up, in
+        lattice steps.
+
+        Parameters
+        ----------
+        row : (k, 3) float64, m
+            The particles.
+        width : float
+            Between the knots of the weights, in lattice steps.
+        """
+        node = np.clip(np.rint(row[:, 2] / self.nodes[1]).astype(int), 0, len(self.nodes) - 1)
+        x, y = self._from_gauge(row)
+        z, weight = (row[:, 2] - self.nodes[node]) / self.steps[2], _spline(x / width) * _spline(y / width)
+        terms = (1.0, x, y, x * x, x * y, y * y, z, x * z, y * z)
+        return np.array([np.bincount(node, weight * term, len(self.nodes)) for term in terms])
+
+    def _row_near(self, end, side, band, moments):
+        """Sum moments over the nodes near the middle of a row.
+
+        Parameters
+        ----------
+        end : (1,) float64, m
+            Height where the liquid ends.
+        side : float
+            From the row's middle up to there, in lattice steps.
+        band : float
+            In lattice steps.
+        moments : (9, nodes) float64
+            As made by `_moments`.
+
+        Returns
+        -------
+        flat : (6,) float64
+            The first six.
+        upright : (3,) float64
+            Those with z, from the row's middle up.
+        """
+        above = (self.nodes - end) / self.steps[2] + side
+        near = np.abs(above) < band
+        flat, upright = moments[:6, near], moments[6:, near] + above[near] * moments[:3, near]
+        return flat.sum(axis=1), upright.sum(axis=1)
 
     def partial(self, state):
         """Sum the particles near the gauge over the nodes of its profile, and moments of those in the surface.
@@ -238,18 +302,12 @@ class ElevationGauge:
         Returns
         -------
         (10 nodes,) float64
-            The profile, and of the surface's particles by the node nearest to them the sums of their weights times
-            1, x, y, x^2, xy, y^2, z, xz and yz, from the gauge and from the node up, in lattice steps.
+            The profile, and the moments of the surface's particles.
         """
-        position, number = self._seen(state)
+        position, number = self._seen(state, 1.0)
         row = position[state.surface[number] != 0]
         row = row[~hidden_from_column(*self.at, row, self.boxes)]
-        node = np.clip(np.rint(row[:, 2] / self.nodes[1]).astype(int), 0, len(self.nodes) - 1)
-        x, y = self._from_gauge(row)
-        z, weight = (row[:, 2] - self.nodes[node]) / self.steps[2], _spline(x) * _spline(y)
-        terms = (1.0, x, y, x * x, x * y, y * y, z, x * z, y * z)
-        moments = [np.bincount(node, weight * term, len(self.nodes)) for term in terms]
-        return np.concatenate([self._profile(position), *moments])
+        return np.concatenate([self._profile(position), *self._moments(row, 1.0)])
 
     def value(self, sums):
         """Height, m: (1,) float64; 0 where the column is dry."""
@@ -264,15 +322,13 @@ class ElevationGauge:
 
     def _fit(self, end, moments):
         """Height of the surface above the row near the end of the main body, m: (1,) float64; that end without one."""
-        above = (self.nodes - end) / self.steps[2] + 0.5  # the middle of the row
-        near = np.abs(above) < BAND
-        flat, upright = moments[:6, near], moments[6:, near] + above[near] * moments[:3, near]
+        flat, upright = self._row_near(end, 0.5, BAND, moments)
         matrix = np.zeros((3, 3))
-        matrix[ROW, COLUMN] = matrix[COLUMN, ROW] = flat.sum(axis=1)
+        matrix[ROW, COLUMN] = matrix[COLUMN, ROW] = flat
         if matrix[0, 0] < LEAST_ROW:
             return end
         matrix[[1, 2], [1, 2]] += EVEN**2 * matrix[0, 0]
-        height, *slope = np.linalg.solve(matrix, upright.sum(axis=1))
+        height, *slope = np.linalg.solve(matrix, upright)
         slope = np.array(slope) * self.steps[2] / self.steps[:2]
         height += 0.5 * math.hypot(1.0, *slope) - 0.5
         return end + self.steps[2] * np.clip(height, -1.0, 1.0)
@@ -298,10 +354,16 @@ class ElevationGauge:
 class InterfaceGauge(ElevationGauge):
     """Height of the interface between two liquids above the tank bottom.
 
-    Both liquids near the gauge are spread over heights as by `ElevationGauge`. The interface is the height with
+    Both liquids near the gauge are spread over heights as by `ElevationGauge`. The interface is near the height with
     the least of the upper liquid below it and of the lower one above it, so that drops of one in the other
     count as little as they hold; there the two profiles cross. Where one of the two is missing, it is the end of
     the other one.
+
+    There it is midway between the two rows beside it, however thick they are, or half a spacing from the only one
+    where a liquid is but one row thick. Where the profiles cross depends on how the columns of the two liquids stand
+    from the gauge: along a wave of half a spacing at a wall the crossing was 0.08 spacings off, the middle is 0.04.
+    Particles of the rows differ by 0.05 and more beside a wall, so that their mean height is over four spacings,
+    and the slope by which that is carried to the gauge over eight.
 
     Parameters
     ----------
@@ -316,13 +378,54 @@ class InterfaceGauge(ElevationGauge):
         self.pair = sorted(names.index(name) for name in probe.between)
 
     def partial(self, state):
-        """Profiles of the lower and the upper liquid, one after the other: (2 nodes,) float64."""
-        position, number = self._seen(state)
-        return np.concatenate([self._profile(position[state.fluid[number] == f]) for f in self.pair])
+        """Profiles of the lower and the upper liquid, and moments of the rows that may be beside their interface.
+
+        Returns
+        -------
+        (38 nodes,) float64
+            Both profiles, and for each of the two the moments of its row with the weights for the height and those
+            for the slope.
+        """
+        position, number = self._seen(state, SLOPE_WIDTH)
+        fluid, share = state.fluid[number], state.fraction[number]
+        beside = (share >= 0.5) & (share < BESIDE) & ~hidden_from_column(*self.at, position, self.boxes)
+        close = (np.abs(self._from_gauge(position)) < 2.0).all(axis=0)
+        profiles = [self._profile(position[close & (fluid == f)]) for f in self.pair]
+        rows = [position[beside & (fluid == f)] for f in self.pair]
+        moments = [self._moments(row, width) for row in rows for width in (WIDTH, SLOPE_WIDTH)]
+        return np.concatenate([*profiles, *np.concatenate(moments)])
 
     def _height(self, sums):
         """Height of the interface above the lowest node, m: (1,) float64."""
-        lower, upper = sums.reshape(2, -1)
+        lower, upper, *moments = sums.reshape(-1, len(self.nodes))
+        end = self._end_of_lower(lower, upper)
+        if not (lower.any() and upper.any()):
+            return end
+        return self._between(end, np.array(moments).reshape(2, 2, 9, -1))
+
+    def _between(self, end, moments):
+        """Height midway between the rows on both sides, m: (1,) float64; the profiles' without such rows."""
+        matrix, upright, rows = np.zeros((2, 2)), np.zeros(2), []
+        for side, (height, slope) in zip((0.5, -0.5), moments, strict=True):
+            flat, up = self._row_near(end, side, THIN_BAND, height)
+            if flat[0] < LEAST_ROW:
+                continue
+            rows.append([side, up[0] / flat[0], *flat[1:3] / flat[0]])
+            flat, up = self._row_near(end, side, THIN_BAND, slope)
+            x, y = middle = flat[1:3] / flat[0]
+            matrix += [[flat[3] - x * flat[1], flat[4] - x * flat[2]], [flat[4] - y * flat[1], flat[5] - y * flat[2]]]
+            matrix += EVEN**2 * flat[0] * np.eye(2)
+            upright += up[1:] - up[0] * middle
+        if not rows:
+            return end
+        slope = np.linalg.solve(matrix, upright)
+        slope *= slope @ slope / (slope @ slope + DOUBT**2)
+        side, height, *middle = np.mean(rows, axis=0)
+        height += side * (math.hypot(1.0, *slope * self.steps[2] / self.steps[:2]) - 1.0) - slope @ middle
+        return end + self.steps[2] * np.clip(height, -1.0, 1.0)
+
+    def _end_of_lower(self, lower, upper):
+        """Height above the lowest node where the profiles cross, m: (1,) float64."""
         if not lower.any():
             return self._end(np.flatnonzero(upper)[0], upper, -1)
         if not upper.any():

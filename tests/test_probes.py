@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from parmps.loader import parse_job
 from parmps.motion import FrameState, Motion
@@ -262,6 +263,17 @@ def layered(position, heights, spacing=0.01):
     )  # fmt: skip
 
 
+def own_share(position, fluid, spacing, length):
+    """Share of the own liquid around each particle, by a smooth weight of 2.1 spacings, with images behind walls."""
+    images = [position * [side, 1, 1] + [end, 0, 0] for side, end in ((1, 0.0), (-1, 0.0), (-1, 2.0 * length))]
+    trees = cKDTree(position), cKDTree(np.concatenate(images))
+    near = trees[0].sparse_distance_matrix(trees[1], 2.1 * spacing, output_type="coo_matrix")
+    q = near.data / (2.1 * spacing)
+    weight = (1.0 - q) ** 4 * (1.0 + 4.0 * q)
+    own = weight * (fluid[near.row] == np.tile(fluid, 3)[near.col])
+    return np.bincount(near.row, own, len(fluid)) / np.bincount(near.row, weight, len(fluid))
+
+
 def three_layer_job(probes):
     fluids = ", ".join(f"{{name: {name}, depth: {d}}}" for name, d in (("a", 0.1), ("b", 0.15), ("c", 0.2)))
     return parse_job(
@@ -292,6 +304,60 @@ def test_interfaces_between_layers(x):
     state = layered(position, [flat[1], flat[1]])
     assert measure(job, state, p.geometry) == pytest.approx({"ab [m]": 0.25, "bc [m]": 0.25}, abs=3e-3)
     assert measure(job, layered(position[:0], flat), p.geometry) == {"ab [m]": 0.0, "bc [m]": 0.0}
+
+
+WAVES = {
+    "flat": lambda x: 0.0 * x,
+    "slope 0.02": lambda x: 0.02 * x,
+    "slope 0.05": lambda x: 0.05 * x,
+    "slope 0.1": lambda x: -0.1 * x,
+    "slope 0.3": lambda x: 0.3 * (x - 0.4),
+    "40 spacings": lambda x: 0.003 * np.cos(5.0 * np.pi * x),
+}
+
+
+@pytest.mark.parametrize("wave", WAVES)
+def test_interfaces_on_distorted_lattices(wave):
+    """Rows that a smooth flow has made thick and thin and moved along, with noise of a twentieth of a spacing."""
+    places = (0.0, 0.8, 0.33, 0.37)
+    probes = ", ".join(f"{{name: i{n}, kind: interface, between: [b, c], at: [{x}]}}" for n, x in enumerate(places))
+    job = three_layer_job(probes)
+    gauges = build_probes(job, place(job, "half").geometry)
+    x, z = (axis.ravel() for axis in np.meshgrid(np.arange(0.005, 0.8, 0.01), np.arange(0.005, 0.45, 0.01)))
+    fluid = np.digitize(z, [0.1, 0.25])
+    up = z - 0.25  # at 0, the interface stays where it is
+    rng = np.random.default_rng(8)
+    for noise, most, spread in ((0.0, 0.03, 0.02), (0.05, 0.12, 0.045)):
+        errors = []
+        for _ in range(24):
+            k, q, phase = 2.0 * np.pi / 0.05, np.pi / 0.06, rng.uniform(0.0, 2.0 * np.pi)
+            moved = x + 0.01 * rng.uniform(-0.3, 0.3) + 0.002 * q / k * np.cos(q * up) * np.cos(k * x + phase)
+            raised = z + 0.002 * np.sin(q * up) * np.sin(k * x + phase)  # keeps the volume to first order
+            moved, raised = (values + 0.01 * noise * rng.normal(size=len(x)) for values in (moved, raised))
+            position = np.stack([moved, 0.0 * x, raised + WAVES[wave](moved)], axis=1)
+            inside = (moved > 0.0) & (moved < 0.8)
+            state = layered(position[inside], [])
+            state.fluid = fluid[inside]
+            state.fraction = own_share(state.position, state.fluid, 0.01, 0.8)
+            found = np.concatenate([gauge.value(gauge.partial(state)) for gauge in gauges])
+            errors.append((found - 0.25 - WAVES[wave](np.array(places))) / 0.01)
+        errors = np.array(errors)
+        assert np.abs(errors).max() < most and np.sqrt((errors**2).mean(axis=0)).max() < spread
+
+
+@pytest.mark.parametrize("rows", [1, 2, 3])
+def test_interfaces_of_a_thin_layer(rows):
+    """The row beside the one interface of a layer is not taken for that beside the other."""
+    pairs = {"ab": "[b, a]", "bc": "[b, c]"}
+    probes = ", ".join(f"{{name: {n}, kind: interface, between: {p}, at: [0.3]}}" for n, p in pairs.items())
+    job = three_layer_job(probes)
+    p = place(job, "half")
+    position = p.position[p.kind == FLUID]
+    state = layered(position, [lambda x: 0.1 + 0 * x, lambda x: 0.1 + 0.01 * rows + 0 * x])
+    state.fraction = own_share(position, state.fluid, 0.01, 0.8)
+    state.position = position + [0, 0, 0.0023]
+    wanted = {"ab [m]": 0.1023, "bc [m]": 0.1023 + 0.01 * rows}
+    assert measure(job, state, p.geometry) == pytest.approx(wanted, abs=1e-6)
 
 
 def test_a_liquid():
@@ -340,5 +406,6 @@ def test_gauges_on_the_earth_see_level_surfaces_where_they_stand(size):
     height = (p.position @ state.frame.rotation.T + state.frame.origin)[:, 2]
     state.kind = np.where((p.kind == FLUID) & (height < 0.3), FLUID, 1)
     state.fluid = (height > 0.2).astype(int)
+    state.fraction = own_share(p.position, state.fluid, spacing, size[0])
     values = measure(job, state, p.geometry)
     np.testing.assert_allclose(list(values.values()), [0.3, 0.3, 0.2, 0.2], atol=0.4 * spacing)
