@@ -46,9 +46,7 @@ validate: setup
 	$(python) jobs/validation/run.py
 
 validate3d: setup
-	$(python) jobs/validation/run.py rest_3d standing_wave_3d surge_sway baffled_3d --preset balanced
-	$(python) jobs/validation/run.py lng --spacing 0.036 --preset balanced
-	$(python) jobs/validation/run.py lng --variant "LNG 70 %" --preset balanced
+	$(python) jobs/validation/run.py rest_3d standing_wave_3d surge_sway baffled_3d lng --preset balanced
 
 trade: setup
 	$(python) jobs/validation/trade.py
