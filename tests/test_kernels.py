@@ -944,3 +944,16 @@ def test_connected_parts_are_those_of_scipy(edges):
     expected, label = connected_components(csr_matrix((np.ones(edges), (begins, columns)), shape=(200, 200)), False)
     assert count == expected
     assert len(set(zip(part.tolist(), label.tolist(), strict=True))) == expected
+
+
+@pytest.mark.parametrize(("below", "added"), [(0.9, 0.1), (1.2, -0.2), (0.625, 0.1875), (-1.0, 0.0), (3.0, 0.0)])
+def test_velocity_above_the_surface_follows_gradients_that_vary_little(below, added):
+    """Above a surface particle: a linear change of the gradient is carried on, half of 3 eighths, none of a jump."""
+    rng = np.random.default_rng(3)
+    own = rng.normal(size=9)
+    gradient = np.stack([own, below * own, below * own, 50.0 * own])  # the last one is of the surface, too
+    kind, surface = np.zeros(4, np.int8), np.array([1, 0, 0, 1], np.int8)
+    lists = np.array([0], np.uint32), np.array([3], np.uint32), np.array([1, 2, 3], np.uint32)
+    q = rng.normal(size=3)
+    found = shifting.velocity_above(0, kind, surface, gradient, *q, *lists, rng.uniform(1.0, 2.0, 3), np.empty(9))
+    np.testing.assert_allclose(found, (1.0 + added) * own.reshape(3, 3) @ q, rtol=1e-12)
