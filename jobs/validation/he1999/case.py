@@ -10,6 +10,10 @@ from parmps.tank import place
 TITLE = "Rayleigh-Taylor, He et al. 1999"
 SPACINGS = (0.005, 0.0025)
 TARGETS = {"bubble [%]": 5.0, "spike [%]": 5.0}
+WAVES = 6
+"""In the tank's length."""
+BESIDE = (WAVES / 2 - 0.5, WAVES / 2 + 0.5)
+"""Where the spikes beside the middle are, in waves."""
 REFERENCE = Path(__file__).parent / "he1999.csv"
 
 
@@ -17,7 +21,7 @@ def initial(job):
     """Liquids at rest below and above the wave."""
     placement = place(job, "half")
     position = placement.position[: placement.total_fluid]
-    width = job.tank.length / 2.0
+    width = job.tank.length / WAVES
     wave = 2.0 * width + 0.1 * width * np.cos(2.0 * np.pi * position[:, 0] / width)
     return position, np.zeros_like(position), (position[:, 2] > wave).astype(np.int8)
 
@@ -25,20 +29,20 @@ def initial(job):
 def heights(results):
     """Bubble and spike over the tank's height: (frames, 2)."""
     job = results.job
-    width, half = job.tank.length / 2.0, 0.5 * job.spacing
+    width, half = job.tank.length / WAVES, 0.5 * job.spacing
     found = []
     for time in results.frames:
         liquid = results.liquid(time)
         x, z, number = liquid["position"][:, 0], liquid["position"][:, 2], liquid["fluid"]
-        bubble = z[(number == 0) & (np.abs(x - width) < width / 8.0)].max() + half
-        spikes = [z[(number == 1) & (np.abs(x - n * width) < width / 8.0)].min() - half for n in (0.5, 1.5)]
+        bubble = z[(number == 0) & (np.abs(x - 0.5 * WAVES * width) < width / 8.0)].max() + half
+        spikes = [z[(number == 1) & (np.abs(x - n * width) < width / 8.0)].min() - half for n in BESIDE]
         found.append([bubble, np.mean(spikes)])
     return np.array(found) / job.tank.height
 
 
 def scaled_time(results):
     """Time over sqrt(W / g) of the frames."""
-    return results.frames / np.sqrt(0.5 * results.job.tank.length / results.job.gravity)
+    return results.frames / np.sqrt(results.job.tank.length / WAVES / results.job.gravity)
 
 
 def measure(results):
