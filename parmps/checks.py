@@ -238,6 +238,12 @@ def _check_interfaces(job):
         if set(interface.between) in pairs:
             raise InputError(key, f"the interface between {' and '.join(interface.between)} is given twice")
         pairs.append(set(interface.between))
+        missing = "surface_tension > 0" if interface.surface_tension == 0.0 else "scheme.position: start"
+        if interface.wetting_angle != 90.0 and (interface.surface_tension == 0.0 or job.scheme.position != "start"):
+            raise InputError(
+                f"interfaces[{number}].wetting_angle",
+                f"got {interface.wetting_angle:g}, must be 90 (deg) without {missing}",
+            )
 
 
 def _check_motion(job, item, key):

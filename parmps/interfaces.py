@@ -120,12 +120,14 @@ class Links:
     Attributes
     ----------
     begin : (m + 1,) int64
-    index, offset, image, mirror
+    index, offset, image, mirror, height
         As made by `interface.image_links`.
     strength
         As made by `interface.link_weights`.
     side, share, own
         As made by `interface.tell_sides`, where that is called.
+    lift : (capacity,) float64
+        As made by `interface.lift_images`, where that is called.
     """
 
     def __init__(self):
@@ -134,7 +136,7 @@ class Links:
     def _resize(self, capacity):
         self.index, self.image = np.empty(capacity, np.int32), np.empty(capacity, np.int8)
         self.offset = np.empty((3, capacity))
-        self.strength, self.side, self.share = np.empty((3, capacity))
+        self.strength, self.side, self.share, self.lift = np.empty((4, capacity))
 
     def find(self, sim, near):
         """List the links.
@@ -150,10 +152,11 @@ class Links:
         most = 2**sim.dimension * int((last[near] - first[near] + 1).sum())
         if most > len(self.index):
             self._resize(most + most // 8)
-        self.begin, self.mirror, self.own = np.empty(count + 1, np.int64), np.empty((count, 3, 3)), np.empty(count)
+        self.begin, self.own = np.empty(count + 1, np.int64), np.empty(count)
+        self.mirror, self.height = np.empty((count, 3, 3)), np.empty((count, 3))
         reach = sim.scheme.radius * sim.l0
         lists = (near, first, last, other)
-        into = (self.begin, self.index, self.offset, self.image, self.mirror)
+        into = (self.begin, self.index, self.offset, self.image, self.mirror, self.height)
         interface.image_links(p.position, p.kind, p.normal, p.depth, *lists, reach, *into)
         interface.link_weights(self.offset, self.begin[-1], sim.l0, sim.scheme.radius, self.strength)
 
@@ -185,7 +188,7 @@ def find_interfaces(sim):
     sim.domain.exchange(near.colour)
     weights = (links.side, links.strength)
     interface.normals(
-        near.colour, index, links.begin, links.offset, links.index, *weights, sim.l0, sim.dimension, near.normal
+        near.colour, None, index, links.begin, links.offset, links.index, *weights, sim.l0, sim.dimension, near.normal
     )
     limit = SLIP * sim.l0 * sim.grid_number / sim.dt
     interface.find_slip(p.velocity, p.kind, p.fluid, liquids.sheet, index, *sim.pairs.wet, limit, near.slips)
@@ -199,31 +202,51 @@ def find_curvature(sim):
     """Curvature of the interfaces under tension, which makes a jump of the pressure.
 
     It is a second derivative, and the colour function and the curvature are smoothed. Both sides get the same one, so
-    that a constant curvature has no slope along the interface.
+    that a constant curvature has no slope along the interface. Where wetting angles are given, images behind walls
+    have the colour and the normals of an interface that goes on into the wall at that angle.
     """
     w, near = sim.work, sim.work.near_interface
     links, part, reach = near.links, near.curved, sim.scheme.radius
     index = near.room[part]
     begin, own, mirror = links.begin[part.start : part.stop + 1], links.own[part], links.mirror[part]
-    colour = near.colour.copy()
+    colour, normal = near.colour.copy(), np.zeros_like(near.normal)
+    images = (index, begin, links.index, links.offset, links.image, mirror)
+    steep = (index, begin, links.offset, links.index, links.side, links.strength, sim.l0, sim.dimension, normal)
     smooth = (index, begin, links.index, links.share, own)
-    for _ in range(SMOOTHINGS):
-        interface.smooth(*smooth, colour)
-        sim.domain.exchange(colour)
-    normal = np.zeros_like(near.normal)
-    interface.normals(
-        colour, index, begin, links.offset, links.index, links.side, links.strength, sim.l0, sim.dimension, normal
-    )
+    lift, tilt = None, _tilt(sim, index, begin)
+    for number in range(SMOOTHINGS + 1):
+        if tilt is not None:
+            interface.normals(colour, lift, *steep)
+            sim.domain.exchange(normal)
+            lift = links.lift
+            interface.lift_images(colour, normal, tilt, *images, links.height[part], sim.l0, lift)
+        if number < SMOOTHINGS:
+            interface.smooth(*smooth, lift, colour)
+            sim.domain.exchange(colour)
+    interface.normals(colour, lift, *steep)
     sim.domain.exchange(normal)
     w.bend[:] = 0.0
-    images = (begin, links.index, links.offset, links.image, mirror, links.side, links.strength)
-    interface.curvature(normal, index, *images, reach, sim.dimension, links.share, own, w.bend)
+    weights = (links.side, links.strength, reach, sim.dimension, links.share, own)
+    interface.curvature(normal, tilt, *images, *weights, w.bend)
     for _ in range(SMOOTHINGS):
         sim.domain.exchange(w.bend)
-        interface.smooth(*smooth, w.bend)
+        interface.smooth(*smooth, None, w.bend)
     sim.domain.exchange(w.bend)
     interface.join_sides(index, begin, links.index, links.offset, links.side, links.strength, w.bend)
     share_with_walls(sim, w.bend)
+
+
+def _tilt(sim, index, begin):
+    """By how much walls turn interfaces, (n,) in rad, or None where all meet them at right angles."""
+    if sim.liquids.wetting is None:
+        return None
+    links, tilt = sim.work.near_interface.links, np.zeros(len(sim.particles))
+    for _ in range(2):  # from those who see the other liquid to their neighbours
+        interface.tell_tilt(
+            sim.particles.fluid, sim.liquids.wetting, index, begin, links.index, links.side, links.strength, tilt
+        )
+        sim.domain.exchange(tilt)
+    return tilt
 
 
 def correct_divergence(sim):

@@ -42,6 +42,9 @@ class Liquids:
         1 where there is a sheet, 2 where it has a tension; None for nowhere.
     tension : None or (liquids, liquids) float64, N/m
         Interfacial tension; None where all are zero.
+    wetting : None or (liquids, liquids) float64, rad
+        A right angle less that between a wall and the interface with the other liquid, inside the own; None where all
+        are right angles.
     surface_tension : None or (liquids,) float64, N/m
         At the free surface; None where all are zero, or where there is no free surface.
     """
@@ -52,14 +55,14 @@ class Liquids:
         self.several = len(rho) > 1
         self.density = rho
         self.reference = float(rho[0])
-        self.volume = self.share = self.tension = self.sheet = self.meeting = self.surface_tension = None
+        self.volume = self.share = self.tension = self.sheet = self.meeting = self.surface_tension = self.wetting = None
         self.capillary_rate = 0.0
         self.contrast = float(np.sqrt(rho.min() / rho.max()))
         if self.several:
             total = rho[:, None] + rho
             self.volume = 2.0 * self.reference / total
             self.share = rho[:, None] / total
-            self.tension = _tension(job)
+            self.tension, self.wetting = _tension(job), _wetting(job)
             sheet = rho[:, None] != rho
             if self.tension is not None:
                 sheet |= self.tension > 0.0
@@ -96,4 +99,14 @@ def _tension(job):
     for interface in job.interfaces:
         a, b = (names.index(name) for name in interface.between)
         table[a, b] = table[b, a] = interface.surface_tension
+    return table if table.any() else None
+
+
+def _wetting(job):
+    names = [fluid.name for fluid in job.fluids]
+    table = np.zeros((len(names), len(names)))
+    for interface in job.interfaces:
+        a, b = (names.index(name) for name in interface.between)
+        table[a, b] = np.radians(90.0 - interface.wetting_angle)
+        table[b, a] = -table[a, b]
     return table if table.any() else None

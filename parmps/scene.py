@@ -233,6 +233,9 @@ class Interface(Section):
         "names of the two fluids"
     )
     surface_tension: Number = setting("interfacial tension", "N/m", 0.0, ge=0, le=100)
+    wetting_angle: Number = setting(
+        "static angle between the interface and walls, inside the first of the two fluids", "deg", 90.0, ge=30, le=150
+    )
 
 
 class Translation(Kind):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from parmps.interfaces import (
     SHIFT_ACROSS,
@@ -212,6 +213,51 @@ def test_curvature_of_a_wave_that_stands_on_walls(start, amplitude):
     share = 2.0 * np.mean(found * np.cos(k * x[first])) / (amplitude * k * k)
     assert share == pytest.approx(1.0, abs=0.3)  # of the order of k l0
     np.testing.assert_allclose(found, wanted, atol=0.5 * amplitude * k * k)
+
+
+def channel(angle, size="[0.4, 0.2]", wetted="[a, b]"):
+    dimension = size.count(",") + 1
+    zero, half = ("[0, 0]", "[0.2, 0.2]") if dimension == 2 else ("[0, 0, 0]", "[0.2, 0.05, 0.2]")
+    return (
+        f"dimension: {dimension}\nspacing: 0.01\ngravity: 0\ntank: {{size: {size}}}\ntime: {{end: 9.0}}\n"
+        f"fluids: [{{name: a, region: {{box: [{zero}, {half}]}}, kinematic_viscosity: 0.001}}, "
+        "{name: b, depth: 0.2, kinematic_viscosity: 0.001}]\n"
+        f"interfaces: [{{between: {wetted}, surface_tension: 1.0, wetting_angle: {angle}}}]\n"
+    )
+
+
+@pytest.mark.parametrize("angle", [60.0, 120.0])
+def test_wetting_bends_the_interface_in_a_channel(start, angle):
+    """From straight to an arc of radius H / (2 cos theta), whose jump of the pressure is 2 sigma cos theta / H."""
+    sim = start(channel(angle))
+    while sim.time < 8.0:
+        sim.step(8.0)
+    p = sim.particles
+    at, a = p.position[: p.liquid], p.fluid[: p.liquid] == 0
+    jump = p.pressure[: p.liquid][a & (at[:, 0] < 0.1)].mean() - p.pressure[: p.liquid][at[:, 0] > 0.3].mean()
+    cosine, sine = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+    assert jump == pytest.approx(-2.0 * cosine / 0.2, rel=0.1)
+    # how far the parabola that fits the two rows beside the interface bulges
+    tree, other = cKDTree(at[a]), cKDTree(at[~a])
+    x, _, z = np.concatenate([at[a][other.query(at[a])[0] < 0.013], at[~a][tree.query(at[~a])[0] < 0.013]]).T
+    found = np.polyfit(z - 0.1, x, 2)[0] * 0.1**2
+    assert found == pytest.approx(0.1 / cosine * (1.0 - sine), rel=0.15)
+
+
+@pytest.mark.parametrize("size", ["[0.4, 0.2]", "[0.4, 0.05, 0.2]"])
+def test_wetting_angle_is_inside_the_first_liquid(start, size):
+    """That of the second is what is left of 180 degrees; in 3D the other two walls have an angle, too."""
+    bend = []
+    for angle, wetted in ((60.0, "[a, b]"), (120.0, "[b, a]"), (90.0, "[a, b]")):
+        sim = start(channel(angle, size, wetted))
+        ready(sim)
+        find_curvature(sim)
+        bend.append(sim.work.bend[: sim.particles.liquid].copy())
+    np.testing.assert_allclose(bend[0], bend[1], atol=1e-9)
+    np.testing.assert_allclose(bend[2], 0.0, atol=1e-9)
+    p = sim.particles
+    row = (p.fluid[: p.liquid] == 0) & (p.position[: p.liquid, 0] > 0.19) & (p.position[: p.liquid, 2] < 0.01)
+    assert np.all(bend[0][row] < -10.0)  # the angle of 30 degrees that is missing, within some three spacings
 
 
 @pytest.mark.parametrize("upper", [1000.0, 100.0])

@@ -187,6 +187,12 @@ def test_jobs_are_immutable():
         ),
         (["interfaces", 0, "between"], ["oil", "oil"], "must be two different fluids"),
         (
+            ["interfaces", 0],
+            {"between": ["water", "oil"], "wetting_angle": 60},
+            "interfaces[0].wetting_angle: got 60, must be 90 (deg) without surface_tension > 0",
+        ),
+        (["interfaces", 0, "wetting_angle"], 20, "interfaces[0].wetting_angle: got 20, must be at least 30 (deg)"),
+        (
             ["motion", 0, "kind"],
             "sway",
             "motion[0].kind: got 'sway', must be surge, heave, roll, pitch or file",

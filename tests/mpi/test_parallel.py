@@ -367,6 +367,15 @@ def test_layers_do_not_depend_on_the_number_of_ranks(comm):
     assert many["energy"] == pytest.approx(one["energy"], rel=1e-7)
 
 
+def test_wetting_does_not_depend_on_the_number_of_ranks(comm):
+    """Three liquids, two of whose interfaces meet walls at angles of their own."""
+    tense = TENSE_LAYERS[1].replace("tension: 0.5", "tension: 0.5, wetting_angle: 60")
+    more = (TENSE_LAYERS[0], tense.replace("tension: 0.1", "tension: 0.1, wetting_angle: 110"))
+    one, many = alone(20, *more), march(comm, 20, True, *more)
+    assert np.abs(many["position"] - one["position"]).max() < 1e-8 * one["l0"]
+    assert np.abs(many["pressure"] - one["pressure"]).max() < 1e-6 * 2000.0
+
+
 def test_surface_tension_does_not_depend_on_the_number_of_ranks(comm):
     """A surface that stands on walls and runs from rank to rank."""
     fluid = "fluids=[{name: water, depth: 0.12, kinematic_viscosity: 1.0e-4, surface_tension: 10}]"
