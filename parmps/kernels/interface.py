@@ -273,7 +273,7 @@ def _tilted(x, y, z, tilt, image, walls):
     """Mirrored unit normal of an image, turned by the walls that made it: by twice the tilt.
 
     So the mean of the original's and the image's angles is the wetting angle, whatever the noise; normals tilted by a
-    sum of vectors were, where noisy, on the mean beyond it, and a straight interface at 30 degrees curved by 8. Less
+    sum of vectors were, where noisy, on the mean beyond it, and a straight interface at 30 degrees curved by 5. Less
     where the normal is almost across the wall and hardly tells which way to turn.
     """
     for wall in range(3):
