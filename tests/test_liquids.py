@@ -244,6 +244,23 @@ def test_wetting_bends_the_interface_in_a_channel(start, angle):
     assert found == pytest.approx(0.1 / cosine * (1.0 - sine), rel=0.15)
 
 
+def test_wetting_at_the_angle_of_chamfers_leaves_a_level_interface(start):
+    """At right angles to the chamfers it would bulge by six spacings."""
+    sim = start(
+        "dimension: 2\nspacing: 0.01\ngravity: 0\ntime: {end: 9}\n"
+        "tank: {shape: prism, size: [0.6, 0.3], chamfer: {bottom: [0.16, 0.16]}}\n"
+        "fluids: [{name: a, depth: 0.08, kinematic_viscosity: 0.001}, "
+        "{name: b, depth: 0.22, kinematic_viscosity: 0.001}]\n"
+        "interfaces: [{between: [a, b], surface_tension: 1.0, wetting_angle: 45}]\n"
+    )
+    while sim.time < 2.0:
+        sim.step(2.0)
+    p = sim.particles
+    a = p.fluid[: p.liquid] == 0
+    jump = p.pressure[: p.liquid][a].mean() - p.pressure[: p.liquid][~a].mean()
+    assert abs(jump) < 0.4  # Pa; 4 at right angles
+
+
 @pytest.mark.parametrize("size", ["[0.4, 0.2]", "[0.4, 0.05, 0.2]"])
 def test_wetting_angle_is_inside_the_first_liquid(start, size):
     """That of the second is what is left of 180 degrees; in 3D the other two walls have an angle, too."""
