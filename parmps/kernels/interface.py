@@ -485,8 +485,8 @@ def lift_images(colour, normal, tilt, near, begin, index, offset, image, mirror,
     """How much more of the own colour images have than their originals, so that interfaces meet walls at an angle.
 
     Where contours of the colour c meet a wall at the angle theta inside the own liquid, -grad c is along n = n_wall
-    cos theta + n_t sin theta, with n_wall into the liquid and n_t along the wall (Brackbill, Kothe & Zemach 1992,
-    eq. 58): into the wall, c rises by cot theta |grad_t c|, and an image is twice its original's height deeper. The
+    cos theta + n_t sin theta, with n_wall into the liquid and n_t along the wall (Brackbill, Kothe & Zemach 1992, wall
+    adhesion): into the wall, c rises by cot theta |grad_t c|, and an image is twice its original's height deeper. The
     slope is not the same all that way. Across a smoothed interface the colour is about half the sine of a phase that
     rises evenly, so the phase is continued: by the slope over the square root of 1 - (2 c)^2, and to where the colour
     is all one liquid's. With the original's slope alone, drops met the floor at 63 and 117 instead of 60 and 120
