@@ -27,6 +27,10 @@ IMBALANCE = 1.03
 """Largest over mean cost of the ranks beyond which particles are distributed anew."""
 SORT_EVERY = 400
 """Steps after which particles are sorted again for the sake of the caches."""
+HALO_COST = 4.0
+"""Cost of a particle of the halo, which is sorted, searched and exchanged, over that of a pair of neighbours."""
+DISTRIBUTION_STEPS = 7.0
+"""What it costs to distribute the particles anew and to make a new multigrid hierarchy, in steps."""
 CLOSED_STEP = 0.125
 """Bound of the step by the body force f where a part of the liquid has no free surface: dt <= 0.125 sqrt(l0 / f). With
 0.2 and more, particles of a full tank in 3D that pitches by 20 degrees piled up to three times the density."""
@@ -216,6 +220,7 @@ class Simulation:
             self._spread(np.ones(self.particles.owned))
         self._spread(self.costs() if self.domain.size > 1 else np.ones(self.particles.owned))
         self._sorted_at, self._blocks = self.step_number, None
+        self._halo_at_first, self._steps_lost = self.domain.sum(float(self.domain.halo)), 0.0
         self.floating, self._check_floating = Floating(np.full(0, -1), 0), True
 
     def _spread(self, cost):
@@ -258,14 +263,21 @@ class Simulation:
             solver.new_halo(self.row[beyond])
 
     def balance(self):
-        """Distribute the particles anew where the ranks' costs have drifted apart, or the order has."""
-        if self.step_number == self._sorted_at:
+        """Distribute the particles anew where the ranks' costs have drifted apart, or the order has, or their boxes.
+
+        The flow carries particles into the boxes of other ranks, whose halos grow. What that has cost since the last
+        distribution pays for the next one.
+        """
+        since = self.step_number - self._sorted_at
+        if since == 0:
             return
-        due = self.step_number - self._sorted_at >= SORT_EVERY
+        due = since >= SORT_EVERY
         if not due and self.step_number % BALANCE_EVERY == 0 and self.domain.size > 1:
             cost = float(self.pairs.count + self.particles.owned)
-            mean = self.domain.sum(cost) / self.domain.size
-            due = self.domain.max(cost) > IMBALANCE * mean
+            total, halo = self.domain.sum(np.array([cost, self.domain.halo]))
+            self._steps_lost += BALANCE_EVERY * HALO_COST * (halo - self._halo_at_first) / total
+            due = self._steps_lost > DISTRIBUTION_STEPS
+            due |= self.domain.max(cost) > IMBALANCE * total / self.domain.size
         if due:
             self.distribute()
 

@@ -11,7 +11,7 @@ from parmps.domain import Domain
 from parmps.loader import parse_job
 from parmps.neighbors import Pairs
 from parmps.particles import DUMMY, FIELDS, FLUID, WALL, Particles
-from parmps.simulation import Simulation
+from parmps.simulation import DISTRIBUTION_STEPS, HALO_COST, Simulation
 
 JOB = """
 dimension: 2
@@ -390,3 +390,18 @@ def test_ranks_share_the_work_evenly(comm):
     work = comm.allgather(float(sim.costs().sum()))
     sim.close()
     assert max(work) <= 1.01 * np.mean(work)
+
+
+def test_halos_stay_small(comm):
+    """Sloshing carries particles into the boxes of other ranks; what their halos cost pays for a new distribution."""
+    sim = simulation(comm, JOB, "spacing=0.01", "motion=[{kind: surge, amplitude: 0.1, omega: 8.0}]")
+    total, largest, last = sim.domain.sum, 0.0, None
+    for _ in range(250):
+        if sim.particles is not last:  # distributed anew
+            last, first, lost = sim.particles, total(float(sim.domain.halo)), 0.0
+        sim.step(1.0)
+        if sim.particles is last:
+            lost += HALO_COST * (total(float(sim.domain.halo)) - first) / total(float(sim.pairs.count))
+            largest = max(largest, lost)
+    sim.close()
+    assert largest <= 1.2 * DISTRIBUTION_STEPS
