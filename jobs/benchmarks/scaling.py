@@ -10,7 +10,9 @@ neighbours, and predicts the time of a step from them:
 - multigrid: each iteration of CG has a product and, on each level, `SWEEPS` exchanges of the rows in the halo; the
   coarsest level is gathered and spread over all ranks;
 - sums: `DOTS` reductions an iteration, and those of the step itself;
-- bisection: the reductions of a new distribution over the steps between two.
+- distribution: `DISTRIBUTION_STEPS` times the work, and the reductions of the bisection, over the steps between two.
+  These are as many as the rule of `Simulation.balance` allows while the halos grow, as they do in `AGE` steps of the
+  simulation with the particles where they are: the halo above is the mean of that time.
 
 An exchange takes the latency, an overhead for each neighbour, and its bytes over the bandwidth; a reduction over P
 ranks takes log2(P) exchanges with one neighbour. Computing and communication do not overlap. What a model cannot know
@@ -41,9 +43,9 @@ from provenance import provenance  # noqa: E402
 from parmps.checkpoint import read_header, read_slabs  # noqa: E402
 from parmps.domain import BISECTIONS, Domain  # noqa: E402
 from parmps.loader import load_job  # noqa: E402
-from parmps.particles import FLUID, WALL, Particles  # noqa: E402
+from parmps.particles import FLUID, WALL  # noqa: E402
 from parmps.pressure import PRESSURE_OPTIONS  # noqa: E402
-from parmps.simulation import SORT_EVERY, Simulation  # noqa: E402
+from parmps.simulation import BALANCE_EVERY, DISTRIBUTION_STEPS, HALO_COST, SORT_EVERY, Simulation  # noqa: E402
 
 HALO_WORK = 0.05
 """Work of a halo particle over that of an owned one, as of a dummy: it is a candidate of the neighbour search alone."""
@@ -58,6 +60,8 @@ COARSEST = PRESSURE_OPTIONS["pc_gamg_coarse_eq_limit"]
 HALO_BYTES = 171
 """Of all fields of a particle, which come with a new halo."""
 TRAFFIC_STEPS = 40
+AGE = 20
+"""Steps in which the growth of the halos is measured."""
 
 
 class Counts(NamedTuple):
@@ -73,6 +77,8 @@ class Counts(NamedTuple):
         Particles of other parts that it needs, and the parts that it exchanges with.
     columns, coupled : int64
         The same for the matrix: rows of other parts, at most, that its rows are linked to.
+    growth : float
+        Of the mean halo, particles a step, while everything stays where it is.
     """
 
     owned: np.ndarray
@@ -81,6 +87,13 @@ class Counts(NamedTuple):
     neighbours: np.ndarray
     columns: np.ndarray
     coupled: np.ndarray
+    growth: float = 0.0
+
+    def interval(self):
+        """Steps between two distributions, by the rule of `Simulation.balance`."""
+        loss = HALO_COST * self.growth / self.cost.mean()  # steps, each step more than in the last one
+        steps = math.sqrt(2.0 * DISTRIBUTION_STEPS / loss) if loss > 0.0 else math.inf
+        return min(max(steps, BALANCE_EVERY), SORT_EVERY)
 
 
 def count(state, part, parts):
@@ -146,8 +159,8 @@ class State(NamedTuple):
     width: float
 
 
-def load_state(job, checkpoint, domain):
-    """Read the particles of a job at the start, or those of a checkpoint.
+def load_simulation(job, checkpoint, domain):
+    """Simulation of a job at the start, or from a checkpoint on.
 
     Parameters
     ----------
@@ -158,15 +171,58 @@ def load_state(job, checkpoint, domain):
 
     Returns
     -------
-    State
+    Simulation
     """
     sim = Simulation(job, domain)
     if checkpoint is not None:
-        sim.particles = Particles(read_slabs(checkpoint, range(len(read_header(checkpoint).slabs))))
-        sim.distribute()
-    sim.close()
+        header = read_header(checkpoint)
+        arrays = read_slabs(checkpoint, range(len(header.slabs)))
+        sim.restore({"counters": header.attributes["counters"], "arrays": arrays, "left": header.attributes["left"]})
+    return sim
+
+
+def state_of(sim):
+    """Present state of a simulation.
+
+    Parameters
+    ----------
+    sim : Simulation
+
+    Returns
+    -------
+    State
+    """
     kind = sim.particles.kind
     return State(sim.particles.position, sim.costs(), (kind == FLUID) | (kind == WALL), sim.halo_width)
+
+
+def cut(sim, numbers):
+    """Cut the present state into each of some numbers of parts, and count again after `AGE` steps.
+
+    Parameters
+    ----------
+    sim : Simulation
+        Is `AGE` steps further afterwards.
+    numbers : sequence of int
+
+    Returns
+    -------
+    dict of int to Counts
+    """
+    first = state_of(sim)
+    parts = {number: sim.domain.bisect(first.position, first.weight, number) for number in numbers}
+    counts = {number: count(first, part, number) for number, part in parts.items()}
+    before = sim.particles.id.copy()
+    for _ in range(AGE):
+        sim.step(sim.job.time.end)
+    then = state_of(sim)
+    order = np.argsort(before)
+    same = order[np.searchsorted(before, sim.particles.id, sorter=order)]  # where each particle was
+    for number, part in parts.items():
+        halo, _ = _count_halo(then.position, part[same], number, then.width)
+        growth = (halo.mean() - counts[number].halo.mean()) / AGE
+        counts[number] = counts[number]._replace(growth=max(growth, 0.0))
+    return counts
 
 
 def measure_traffic():
@@ -241,7 +297,8 @@ def predict(counts, ranks, options, flows):
     dict of str to float
         Seconds, by what takes them.
     """
-    total, halo = counts.owned.mean() * ranks, counts.halo.max()
+    interval = counts.interval()
+    total, halo = counts.owned.mean() * ranks, counts.halo.max() + 0.5 * counts.growth * interval
     levels = max(math.ceil(math.log(total / COARSEST) / math.log(COARSENING)), 1)
     spread = math.log2(ranks)
 
@@ -257,14 +314,16 @@ def predict(counts, ranks, options, flows):
         for level in range(levels)
     ]
     neighbours = counts.neighbours.max()
+    work = options.cost * counts.owned.mean() * counts.cost.max() / counts.cost.mean()
+    bisection = math.ceil(spread) * (BISECTIONS + 3) * reduction(4.0 * ranks)
     return {
-        "work": options.cost * (counts.owned.mean() * counts.cost.max() / counts.cost.mean() + HALO_WORK * halo),
+        "work": work + options.cost * HALO_WORK * halo,
         "halo": flows["exchanges"] * exchange(neighbours, flows["bytes"] * halo / flows["exchanges"])
         + flows["halos"] * 2.0 * exchange(neighbours, 0.5 * HALO_BYTES * halo)
         + (1.0 + flows["halos"]) * reduction(48.0 * ranks),
         "multigrid": options.iterations * (smoothing[0] + SWEEPS * sum(smoothing) + 2.0 * reduction(8.0 * COARSEST)),
         "sums": (options.iterations * DOTS + flows["reductions"]) * reduction(),
-        "bisection": math.ceil(spread) * (BISECTIONS + 3) * reduction(4.0 * ranks) / SORT_EVERY,
+        "distribution": (DISTRIBUTION_STEPS * work + bisection) / interval,
     }
 
 
@@ -279,7 +338,7 @@ def strong_rows(states, options, flows):
         mean = counts.owned.mean()
         told = [str(parts), f"{mean:.0f} ({counts.owned.max()})", f"{counts.cost.max() / counts.cost.mean():.3f}"]
         told += [f"{values.mean():.0f} ({values.max()})" for values in (counts.halo, counts.neighbours, counts.coupled)]
-        rows.append([*told, f"{1e3 * step:.3g}", f"{efficiency:.0%}", *shares])
+        rows.append([*told, f"{counts.interval():.0f}", f"{1e3 * step:.3g}", f"{efficiency:.0%}", *shares])
     return rows
 
 
@@ -337,17 +396,17 @@ def main():
     options.cost, options.latency, options.overhead = 1e-6 * cost, 1e-6 * options.latency, 1e-6 * options.overhead
     options.bandwidth *= 1e9
     job, domain = load_job(options.job, options.set or ["spacing=0.006"]), Domain(MPI.COMM_SELF)
-    state = load_state(job, options.checkpoint, domain)
-    states = {
-        parts: count(state, domain.bisect(state.position, state.weight, parts), parts) for parts in options.parts
-    }
+    sim = load_simulation(job, options.checkpoint, domain)
+    started, total = sim.time, len(sim.particles)
+    states = cut(sim, options.parts)
+    sim.close()
     flows = traffic()
-    head = ["ranks", "owned", "cost, max/mean", "halo", "neighbours", "coupled by the matrix", "step, ms", "efficiency"]
-    when = "from a checkpoint" if options.checkpoint else "at the start"
+    head = ["ranks", "owned", "cost, max/mean", "halo", "neighbours", "coupled by the matrix"]
+    head += ["steps between distributions", "step, ms", "efficiency"]
     lines = [
-        f"{job.title}: {len(state.position)} particles {when}, on ever more ranks; means, and in brackets the most.",
+        f"{job.title}: {total} particles at {started:g} s, on ever more ranks; means, and in brackets the most.",
         "",
-        *table([*head, "work", "halo", "multigrid", "sums", "bisection"], strong_rows(states, options, flows)),
+        *table([*head, "work", "halo", "multigrid", "sums", "distribution"], strong_rows(states, options, flows)),
         "",
         bottleneck(states, options, flows),
         "",
