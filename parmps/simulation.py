@@ -101,6 +101,8 @@ class Work:
         The particles of little support.
     above : None or (count,) float64
         Pressure on the free surface above its particles, Pa; None without surface tension there.
+    inward : None or (count,) float64
+        Asymmetry that shifts its particles into the liquid where they are crowded, 0 or less.
     surface_links : None or Links
         Of its particles.
     """
@@ -122,9 +124,9 @@ class Work:
         self.near_interface = Near(rows, count) if "interfaces" in stages else None
         smooth = "density smoothing" in stages
         self.mass_density, self.fraction = (np.empty(count), np.ones(count)) if smooth else (None, None)
-        self.above, self.surface_links = None, None
+        self.above, self.inward, self.surface_links = None, None, None
         if "surface pressure" in stages:
-            self.above, self.surface_links = np.zeros(count), Links()
+            self.above, self.inward, self.surface_links = np.zeros(count), np.zeros(count), Links()
 
 
 class Simulation:

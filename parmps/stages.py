@@ -738,6 +738,7 @@ def move(sim):
         sim.dt,
         p.liquid,
         beyond,
+        w.inward,
         *sim.pairs.wet,
         sim.strength,
     )

@@ -28,3 +28,6 @@ def find_surface_pressure(sim):
     w.above[:] = 0.0
     w.above[index] = sim.liquids.surface_tension[p.fluid[index]] * np.clip(bend, -most, most)
     sim.domain.exchange(w.above)
+    w.inward[:] = 0.0
+    row = (index, *sim.pairs.wet, sim.l0, sim.scheme.radius, sim.lattice.row_density, w.inward)
+    surface.crowd_out(p.position, p.kind, w.asymmetry, w.surface, normal, *row)

@@ -93,6 +93,25 @@ def test_a_surface_that_is_squeezed_stays_one(start):
     np.testing.assert_array_equal(w.surface[: p.liquid], whole)
 
 
+@pytest.mark.parametrize(("squeeze", "crowded"), [(1.0, False), (0.7, True)])
+def test_particles_leave_a_crowded_row_where_it_is_deeper(start, squeeze, crowded):
+    row = "region: {box: [[0.02, 0.05], [0.18, 0.11]]}, surface_tension: 1"
+    sim = start(TENSE % 1.0, "gravity=0", f"fluids=[{{name: a, {row}}}]")
+    p, w = ready(sim)
+    p.position[: p.liquid, 0] = 0.1 + squeeze * (p.position[: p.liquid, 0] - 0.1)
+    top = np.flatnonzero(p.position[: p.liquid, 2] > 0.1)
+    top = top[np.argsort(p.position[top, 0])]
+    p.position[top[1::2], 2] -= 0.0005
+    p, w = ready(sim)
+    find_surface_pressure(sim)
+    middle = slice(len(top) // 4, -len(top) // 4)
+    deeper = np.arange(len(top)) % 2 == 1
+    inward = w.inward[top]
+    assert (w.surface[top] != 0).all()
+    assert (inward[deeper][3:-3] < 0.0).all() if crowded else not inward[middle].any()
+    assert not inward[~deeper][3:-3].any()
+
+
 def test_papers_scheme_has_none():
     with pytest.raises(InputError, match="surface_tension.*scheme.position: start, scheme.gradient: corrected"):
         parse_job(TENSE % 1.0, ["scheme=papers"])

@@ -90,6 +90,7 @@ def move(
     dt,
     rows,
     beyond,
+    inward,
     first,
     last,
     other,
@@ -129,6 +130,8 @@ def move(
     rows : int
     beyond : None or (rows, 3) float64
         As in `interface.normals`: particles beside another liquid move as the interface does.
+    inward : None or (n,) float64
+        Asymmetry along the normal that shifts surface particles all the same, as made by `surface.crowd_out`.
     first, last, other
         Neighbour lists.
     strength : (pairs,) float64, 1/m2
@@ -141,6 +144,8 @@ def move(
         sx, sy, sz = shift * asymmetry[i, 0], shift * asymmetry[i, 1], shift * asymmetry[i, 2]
         nx, ny, nz = surface_normal[i, 0], surface_normal[i, 1], surface_normal[i, 2]
         along = sx * nx + sy * ny + sz * nz
+        if inward is not None:
+            along -= shift * inward[i]
         sx -= along * nx
         sy -= along * ny
         sz -= along * nz

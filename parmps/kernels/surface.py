@@ -5,9 +5,12 @@ import math
 from parmps.kernels.compiled import compiled
 from parmps.kernels.density import inverse_of, times
 from parmps.kernels.interface import mirrored
+from parmps.kernels.weight import spline_weight
 
 FLOOR = 0.2
 """Least eigenvalue of the moment matrices; 1 along an even surface."""
+CROWDED = 1.2
+"""Density of the row of particles below the surface, over that of the lattice, from which on it is too dense."""
 
 
 @compiled
@@ -119,3 +122,52 @@ def curvature(normal, near, begin, index, offset, image, mirror, strength, dista
             change += s * (x * dx + y * dy + z * dz)
             total += s * (dx * dx + dy * dy + dz * dz)
         out[a] = (dimension - 1) * change / total if total > 0.0 else 0.0
+
+
+@compiled
+def crowd_out(position, kind, asymmetry, surface, normal, near, first, last, other, l0, reach, full, out):
+    """Find what leaves a crowded row: particles that lie deeper in it than their neighbours do.
+
+    A surface that contracts squeezes its row, which leaves the next one behind, down to where its particles see none
+    below them. Their asymmetry pushes those that lie deeper into the liquid, once its mean over the row is taken off.
+
+    Parameters
+    ----------
+    position : (n, 3) float64, m
+    kind : (n,) int8
+    asymmetry : (n, 3) float64
+    surface : (n,) int8
+    normal : (n, 3) float64
+        As made by `fit_normals`.
+    near : (m,) int32
+        Particles in the surface.
+    first, last, other
+        Neighbour lists.
+    l0 : float
+        Spacing, m.
+    reach, full : float
+        As in `density.row_density`.
+    out : (n,) float64
+        Filled for those particles: asymmetry along the normal that shifts them, 0 or less.
+    """
+    for i in near:
+        out[i] = 0.0
+        if last[i] > first[i] and kind[other[last[i] - 1]] != 0:
+            continue  # walls follow the liquid, and the asymmetry beside them is another
+        nx, ny, nz = normal[i, 0], normal[i, 1], normal[i, 2]
+        own = asymmetry[i, 0] * nx + asymmetry[i, 1] * ny + asymmetry[i, 2] * nz
+        total = spline_weight(0.0, reach)
+        mean = total * own
+        for k in range(first[i], last[i]):
+            j = other[k]
+            if surface[j] == 0:
+                continue
+            dx, dy = position[j, 0] - position[i, 0], position[j, 1] - position[i, 1]
+            dz = position[j, 2] - position[i, 2]
+            up = dx * nx + dy * ny + dz * nz
+            along = math.sqrt(max(dx * dx + dy * dy + dz * dz - up * up, 0.0)) / l0
+            share = max(min(2.0 - 2.0 * abs(up) / l0, 1.0), 0.0) * spline_weight(along, reach)
+            total += share
+            mean += share * (asymmetry[j, 0] * nx + asymmetry[j, 1] * ny + asymmetry[j, 2] * nz)
+        if total > CROWDED * full:
+            out[i] = min(own - mean / total, 0.0)
