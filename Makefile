@@ -20,7 +20,7 @@ help:
 	@echo "make bench      measure the speed (jobs/benchmarks)"
 	@echo "make extremes   find out where it breaks (jobs/extremes)"
 	@echo "make validate   compare with experiments and theory (jobs/validation)"
-	@echo "make validate3d the same in 3D, at the default preset: 40 minutes of one core"
+	@echo "make validate3d the same in 3D, at the default preset: two and a quarter hours of one core"
 	@echo "make trade      measure what accuracy costs, by setting (jobs/validation/trade.*)"
 	@echo "make setup      only set up; every other target does so when needed"
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 TITLE = "LNG tank and rectangular tank in pitch"
-SPACINGS = (0.036, 0.024, 0.018)
+SPACINGS = (0.036, 0.024, 0.018, 0.012)
 BOX = "tank={size: [0.834, 0.664, 0.477]}"
 FILLS = {
     70: [],
