@@ -13,9 +13,10 @@ import petsc4py
 from mpi4py import MPI  # for the handle of the communicator alone
 
 # Signals are Python's: PETSc would end the run at SIGTERM, and print of an inner error where a pipe is closed.
-# It need not look for rows with equal columns (inodes), either, in every step: there are none.
+# It need not look for rows with equal columns (inodes), either, in every step: there are none. Nor keep what the coarse
+# matrices were made with, half as much as the pressure matrix in 3D: they are made once.
 given = sys.argv[1:] if any(a.startswith(("-ppe_", "-viscosity_")) for a in sys.argv) else []
-petsc4py.init([sys.argv[0], "-no_signal_handler", "true", "-mat_no_inode", "true", *given])
+petsc4py.init([sys.argv[0], "-no_signal_handler", "true", "-mat_no_inode", "true", "-mat_product_clear", "true", *given])
 from petsc4py import PETSc  # noqa: E402
 
 from parmps.errors import DivergedError  # noqa: E402
@@ -30,7 +31,7 @@ PRESSURE_OPTIONS = {
     "ksp_max_it": 500,
     "ksp_norm_type": "unpreconditioned",
     "pc_type": "gamg",
-    "pc_gamg_threshold": 0.0,
+    "pc_gamg_threshold": -1.0,  # no entries are zero: none to drop from a copy
     "pc_gamg_coarse_eq_limit": 600,  # fewer levels, that is messages, and a factorisation that still costs nothing
     "mg_levels_ksp_max_it": 1,
     # Eigenvalues of D^-1 A, a matrix of links, are below 2, which ten iterations take for 1.36 to 1.6; with PETSc's
