@@ -26,7 +26,7 @@ class Pairs:
         Neighbours of particle i are ``other[first[i]:first[i + 1]]``.
     wet : (first, last, other)
         Those without the dummies: ``other[first[i]:last[i]]``.
-    square : (capacity,) float64, m2
+    square : (capacity,) float32, m2
         Squared distances of the pairs.
     count : int
         Number of pairs.
@@ -37,8 +37,8 @@ class Pairs:
         self._solids = solids
         self._wall_pairs = wall_pairs
         self._other = np.empty(0, np.uint32)
-        self.square = np.empty(0)
-        self._second = np.empty(0)
+        self.square = np.empty(0, np.float32)
+        self._second = np.empty(0, np.float32)
         self.lists = self.wet = None
         self.count = 0
 
@@ -70,7 +70,7 @@ class Pairs:
             if self.count >= 0:
                 break
             capacity = 2 * len(self._other) + 32 * rows + 1024
-            self._other, self.square = np.empty(capacity, np.uint32), np.empty(capacity)
+            self._other, self.square = np.empty(capacity, np.uint32), np.empty(capacity, np.float32)
         self.lists = first, self._other
         self.wet = first, last, self._other
 
@@ -86,16 +86,16 @@ class Pairs:
 
         Returns
         -------
-        (capacity,) float64, 1/m2
+        (capacity,) float32, 1/m2
             For the first radius, in the place of ``square``.
-        (capacity,) float64, 1/m2
+        (capacity,) float32, 1/m2
             For the second one; the same array if the radii are equal.
         """
         if second == radius:
             strengths(self.square, self.count, l0, radius, self.square)
             return self.square, self.square
         if len(self._second) < len(self.square):
-            self._second = np.empty(len(self.square))
+            self._second = np.empty_like(self.square)
         strengths(self.square, self.count, l0, second, self._second)
         strengths(self.square, self.count, l0, radius, self.square)
         return self.square, self._second

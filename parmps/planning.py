@@ -164,7 +164,7 @@ def memory_estimate(job, counts, ranks):
         "particles": particle * (2.0 * owned + halo),
         "fields of a step": per_centre * centres + per_row * rows + per_particle * (owned + halo),
         # number and squared distance of each neighbour, and a weight where the radii differ
-        "neighbour lists": 12.0 * pairs + 8.0 * pairs * (scheme.radius != scheme.laplacian_radius),
+        "neighbour lists": 8.0 * pairs + 4.0 * pairs * (scheme.radius != scheme.laplacian_radius),
         "pressure matrix": ENTRY_BYTES * entries,
         "multigrid hierarchy": HIERARCHY * ENTRY_BYTES * entries,
     }

@@ -77,15 +77,19 @@ def make_case(dimension, noise, baffles="", wall_pairs=False, full=False, seed=1
     r[np.arange(p.rows), np.arange(p.rows)] = np.inf
     first, other = pairs.lists
     listed = np.zeros(r.shape, bool)
-    listed[np.repeat(np.arange(p.rows), np.diff(first)), other[: first[-1]]] = True
+    pairs_of = np.repeat(np.arange(p.rows), np.diff(first)), other[: first[-1]]
+    listed[pairs_of] = True
     strength, _ = pairs.weigh(l0, REACH, REACH)
+    w = np.zeros(r.shape)  # the weights that the operators get, in single precision, in all digits
+    w[pairs_of] = strength[: first[-1]]
+    w[listed] *= (r[listed] * l0) ** 2
     vector = rng.normal(size=(len(p), 3))
     if dimension == 2:
         vector[:, 1] = 0.0
     return SimpleNamespace(
         p=p, l0=l0, d=d, r=r, solids=solids, lists=pairs.lists, wet=(*pairs.wet, strength), listed=listed,
         dimension=dimension, rng=rng,
-        lat=lattice(dimension, REACH), rows=p.rows, w=np.where(listed, kernel(r), 0.0), vector=vector,
+        lat=lattice(dimension, REACH), rows=p.rows, w=w, vector=vector,
         scalar=rng.normal(size=len(p)),
         surface=(rng.random(len(p)) < 0.2).astype(np.int8) * (p.kind == FLUID),
     )  # fmt: skip
@@ -137,7 +141,7 @@ def test_neighbours_without_baffles(dimension, noise, wall_pairs):
         assert not np.any(kind[other[first[i] : last[i]]] == DUMMY)
         assert np.all(kind[other[last[i] : first[i + 1]]] == DUMMY)
         r = c.r[i, other[first[i] : first[i + 1]]]
-        np.testing.assert_allclose(strength[first[i] : first[i + 1]], kernel(r) / (r * c.l0) ** 2, rtol=1e-10)
+        np.testing.assert_allclose(strength[first[i] : first[i + 1]], kernel(r) / (r * c.l0) ** 2, 1e-6, 1e-6 / c.l0**2)
 
 
 def test_candidates_taken_together_are_those_taken_one_by_one():
@@ -147,14 +151,14 @@ def test_candidates_taken_together_are_those_taken_one_by_one():
     for begin, end in ((0, 32), (5, 8), (9, 30)):
         found = []
         for append, lanes in ((_append_near, LANES), (append_nearest.py_func, 1)):
-            other, square, count = np.empty(64, np.uint32), np.empty(64), np.uint64(0)
+            other, square, count = np.empty(64, np.uint32), np.empty(64, np.float32), np.uint64(0)
             for k in range(begin, end, lanes):
                 where = np.uint64(k), np.uint64(end), *here, reach2
                 count = np.uint64(append(*candidates, order, *where, other, square, count))
             found.append((other[:count], square[:count]))
         assert len(found[0][0]) > 0
         assert np.array_equal(found[0][0], found[1][0])
-        assert found[0][1] == pytest.approx(found[1][1], rel=1e-14)
+        assert found[0][1] == pytest.approx(found[1][1], rel=1e-7)
 
 
 @njit
@@ -251,10 +255,10 @@ def test_moments(dimension, noise):
     if noise == 0.0:
         # dummies have no part in the moments: two rows from the walls they are those of the lattice
         away = np.flatnonzero(
-            (c.w.sum(axis=1) > c.lat.density - 1e-9) & ~(c.listed & (c.p.kind == 2)).any(axis=1)
+            (c.w.sum(axis=1) > c.lat.density - 1e-5) & ~(c.listed & (c.p.kind == 2)).any(axis=1)
         )
         assert len(away)
-        np.testing.assert_allclose(got.matrix[away][:, [0, 5]], 1.0, rtol=1e-9)
+        np.testing.assert_allclose(got.matrix[away][:, [0, 5]], 1.0, rtol=1e-6)
 
 
 @on_all

@@ -307,11 +307,14 @@ def test_papers_scheme_survives(start, motion):
     )
     sim.step(1.0)
     assert sim.floating.count == 0
-    march(sim, 0.3)
-    p = sim.particles
+    march(sim, 0.2)
+    deep = []  # single ones scatter by an eighth
+    while sim.time < 0.3:
+        sim.step(0.3)
+        p = sim.particles
+        deep.append(p.pressure[: p.liquid][p.position[: p.liquid, 2] < 0.1].mean())
     assert np.count_nonzero(p.kind[: p.liquid] == FLUID) == sim.totals["fluid"]
-    deep = np.flatnonzero(p.position[: p.liquid, 2] < 0.1)
-    assert p.pressure[deep].mean() == pytest.approx(RHO * G * (0.5 - 0.06), rel=0.2)
+    assert np.mean(deep) == pytest.approx(RHO * G * (0.5 - 0.06), rel=0.1)
     assert np.abs(p.velocity[: p.liquid]).max() < 1.5
     assert abs(sim.volume_drift()) < 0.02
 

@@ -63,12 +63,12 @@ def test_smoothed_density(shaken, dimension):
     weights = weight(np.linalg.norm(d, axis=2))
     rho, number = np.array([1300.0, 780.0]), p.fluid[: p.liquid]
     wanted = weights @ rho[number] / weights.sum(axis=1)
-    np.testing.assert_allclose(w.mass_density[: p.liquid], wanted, rtol=1e-12)
+    np.testing.assert_allclose(w.mass_density[: p.liquid], wanted, rtol=1e-6)
     far = np.abs(p.position[: p.liquid, 2] - 0.045) > 0.03
     np.testing.assert_array_equal(w.mass_density[: p.liquid][far], rho[number[far]])
     np.fill_diagonal(weights, 0.0)
     same = (weights * (number[:, None] == number)).sum(axis=1)
-    np.testing.assert_allclose(w.fraction[: p.liquid], same / weights.sum(axis=1), rtol=1e-12)
+    np.testing.assert_allclose(w.fraction[: p.liquid], same / weights.sum(axis=1), rtol=1e-6)
     nearest = w.nearest[p.liquid : p.rows]
     wet = nearest >= 0
     np.testing.assert_array_equal(w.mass_density[p.liquid : p.rows][wet], w.mass_density[nearest[wet]])
@@ -145,7 +145,7 @@ def test_viscosity_between_liquids(shaken):
     lat = lattice(2, REACH)
     wanted = sim.dt * 4.0 / (lat.density * lat.lam * sim.l0**2) * change / rho[:, None]
     inner = (np.abs(p.position[: p.liquid, 0] - 0.05) < 0.025) & (p.position[: p.liquid, 2] > 0.025)
-    np.testing.assert_allclose(w.intermediate[: p.liquid][inner], wanted[inner], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(w.intermediate[: p.liquid][inner], wanted[inner], atol=1e-6 * np.abs(wanted).max())
 
 
 def test_only_several_liquids_have_the_stages(start):

@@ -23,7 +23,7 @@ def wet_walls(position, normal, first, last, other, strength, l0, begin, end, we
         Of walls, into the liquid.
     first, last, other
         Neighbour lists.
-    strength : (pairs,) float64, 1/m2
+    strength : (pairs,) float32, 1/m2
         W / r_ij^2, as made by `strengths`.
     l0 : float
         Spacing, m.
@@ -63,7 +63,7 @@ def moments(position, wet, first, last, other, strength, l0, n0, dimension, dens
         Share with which neighbours count in the number density, the asymmetry and the lean: dry walls do not.
     first, last, other
         Neighbour lists, as made by `find_pairs`.
-    strength : (pairs,) float64, 1/m2
+    strength : (pairs,) float32, 1/m2
         W / r_ij^2, as made by `strengths`.
     l0 : float
         Spacing, m.
@@ -454,7 +454,7 @@ def surface_normals(position, asymmetry, surface, first, last, other, strength, 
         0 for walls.
     first, last, other
         Neighbour lists.
-    strength : (pairs,) float64, 1/m2
+    strength : (pairs,) float32, 1/m2
         W / r_ij^2, as made by `strengths`.
     rows : int
     lean : (rows, 3) float64

@@ -45,7 +45,7 @@ def corrected_gradient(
         As in `moments`.
     first, last, other
         Neighbour lists.
-    strength : (pairs,) float64, 1/m2
+    strength : (pairs,) float32, 1/m2
         W / r_ij^2, as made by `strengths`.
     inverse : (rows, 6) float64
         Inverse moment matrices, the missing neighbours' moments included.
@@ -136,7 +136,7 @@ def paper_gradient(position, pressure, first, other, strength, n0, dimension, mi
         Of fluid, wall and dummy particles.
     first, other
         Neighbour lists.
-    strength : (pairs,) float64, 1/m2
+    strength : (pairs,) float32, 1/m2
         W / r_ij^2, as made by `strengths`.
     n0 : float
         Lattice number density.
@@ -201,7 +201,7 @@ def residual_damping(
         As in `velocity_gradient`.
     first, last, other
         Neighbour lists.
-    strength : (pairs,) float64, 1/m2
+    strength : (pairs,) float32, 1/m2
         W / r_ij^2, as made by `strengths`.
     n0 : float
         Lattice number density.

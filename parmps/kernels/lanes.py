@@ -51,8 +51,8 @@ def append_nearest(xs, ys, zs, order, k, end, x, y, z, reach2, other, square, co
 @intrinsic
 def _append_nearest_of_eight(typing, xs, ys, zs, order, k, end, x, y, z, reach2, other, square, count):
     """Do for candidates k to k + 7, up to the end, what `append_nearest` does for one."""
-    floats, numbers, places = (ir.VectorType(kind, LANES) for kind in (ir.DoubleType(), ir.IntType(32), ir.IntType(64)))
-    marks = ir.VectorType(ir.IntType(1), LANES)
+    floats, singles = (ir.VectorType(kind, LANES) for kind in (ir.DoubleType(), ir.FloatType()))
+    numbers, places, marks = (ir.VectorType(ir.IntType(bits), LANES) for bits in (32, 64, 1))
 
     def generate(context, builder, signature, given):
         names = ("xs", "ys", "zs", "order", "k", "end", "x", "y", "z", "reach2", "other", "square", "count")
@@ -84,7 +84,7 @@ def _append_nearest_of_eight(typing, xs, ys, zs, order, k, end, x, y, z, reach2,
         near = builder.and_(near, builder.fcmp_ordered("<", r2, all_lanes("reach2", floats)))
         near = builder.and_(near, builder.fcmp_ordered(">", r2, ir.Constant(floats, [0.0] * LANES)))
         append("other", load("order", numbers), numbers, "v8i32")
-        append("square", r2, floats, "v8f64")
+        append("square", builder.fptrunc(r2, singles), singles, "v8f32")
         found = builder.ctpop(builder.bitcast(near, ir.IntType(8)))
         return builder.add(value["count"], builder.zext(found, ir.IntType(64)))
 

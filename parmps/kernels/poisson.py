@@ -87,7 +87,7 @@ def poisson_rows(
         Column of each particle of the halo.
     first, last, other
         Neighbour lists.
-    strength : (pairs,) float64, 1/m2
+    strength : (pairs,) float32, 1/m2
         W / r_ij^2 with the radius of the Laplacian, as made by `strengths`.
     l0 : float
         Spacing, m.

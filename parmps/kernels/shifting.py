@@ -45,7 +45,7 @@ def velocity_above(i, kind, surface, gradient, x, y, z, first, last, other, stre
         From the particle to the place above it, m.
     first, last, other
         Neighbour lists.
-    strength : (pairs,) float64, 1/m2
+    strength : (pairs,) float32, 1/m2
         W / r_ij^2, as made by `strengths`.
     change : (9,) float64, 1/s
         Room for the difference of the gradients.
@@ -134,7 +134,7 @@ def move(
         Asymmetry along the normal that shifts surface particles all the same, as made by `surface.crowd_out`.
     first, last, other
         Neighbour lists.
-    strength : (pairs,) float64, 1/m2
+    strength : (pairs,) float32, 1/m2
         W / r_ij^2, as made by `strengths`.
     """
     change = np.empty(9)

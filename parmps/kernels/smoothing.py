@@ -21,7 +21,7 @@ def smooth_mass_density(position, kind, fluid, density, first, last, other, stre
     density : (liquids,) float64, kg/m3
     first, last, other
         Neighbour lists.
-    strength : (pairs,) float64, 1/m2
+    strength : (pairs,) float32, 1/m2
         W / r_ij^2, as made by `strengths`.
     l0 : float
         Spacing, m.

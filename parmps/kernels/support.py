@@ -31,7 +31,7 @@ def support_by_mass(kind, fluid, share, near, first, last, other, strength, out)
         The particles.
     first, last, other
         Neighbour lists.
-    strength : (pairs,) float64, 1/m2
+    strength : (pairs,) float32, 1/m2
         W / r_ij^2, as made by `strengths`.
     out : (n,) float64
         Of those particles at most 1 where at least half of the neighbourhood is as heavy, or all of it a third as

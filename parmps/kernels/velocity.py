@@ -151,7 +151,7 @@ def reflect_at_walls(position, velocity, kind, normal, depth, first, last, other
         Of the wall particle below the wall's surface.
     first, last, other
         Neighbour lists.
-    strength : (pairs,) float64, 1/m2
+    strength : (pairs,) float32, 1/m2
         W / r_ij^2, as made by `strengths`.
     l0 : float
         Spacing, m.
@@ -196,7 +196,7 @@ def velocity_gradient(position, velocity, first, last, other, strength, inverse,
     position, velocity : (n, 3) float64, m and m/s
     first, last, other
         Neighbour lists.
-    strength : (pairs,) float64, 1/m2
+    strength : (pairs,) float32, 1/m2
         W / r_ij^2, as made by `strengths`.
     inverse : (rows, 6) float64
         M_i, as made by `invert`.
@@ -286,7 +286,7 @@ def add_contacts(
     kind : (n,) int8
     first, last, other
         Neighbour lists.
-    strength : (pairs,) float64, 1/m2
+    strength : (pairs,) float32, 1/m2
         W / r_ij^2, as made by `strengths`, which grows as the distance falls.
     within : float, 1/m2
         That of the distance up to which pairs are looked at.

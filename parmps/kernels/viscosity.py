@@ -48,7 +48,7 @@ def add_viscosity(
         Kinematic, m2/s, as in `Liquids`.
     first, last, other
         Neighbour lists.
-    strength : (pairs,) float64, 1/m2
+    strength : (pairs,) float32, 1/m2
         W / r_ij^2, as made by `strengths`.
     l0 : float
         Spacing, m.
