@@ -16,7 +16,8 @@ from mpi4py import MPI  # for the handle of the communicator alone
 # It need not look for rows with equal columns (inodes), either, in every step: there are none. Nor keep what the coarse
 # matrices were made with, half as much as the pressure matrix in 3D: they are made once.
 given = sys.argv[1:] if any(a.startswith(("-ppe_", "-viscosity_")) for a in sys.argv) else []
-petsc4py.init([sys.argv[0], "-no_signal_handler", "true", "-mat_no_inode", "true", "-mat_product_clear", "true", *given])
+options = ("-no_signal_handler", "true", "-mat_no_inode", "true", "-mat_product_clear", "true")
+petsc4py.init([sys.argv[0], *options, *given])
 from petsc4py import PETSc  # noqa: E402
 
 from parmps.errors import DivergedError  # noqa: E402
