@@ -351,17 +351,24 @@ class Blocks:
         return self.first, self.columns, self.values, self.halo_first, self.halo_columns, self.halo_values
 
 
+_C = ctypes.CDLL(None)
+if hasattr(_C, "mallopt"):  # glibc
+    # Loading PETSc turns off that large arrays have pages of their own, which go back to the system with them: in the
+    # heap, what is freed between others stays, a sixth of a 3D run's peak. From 4 MB on, where NumPy's pages are huge.
+    _M_MMAP_THRESHOLD, _M_MMAP_MAX = -3, -4  # malloc.h
+    _C.mallopt(_M_MMAP_MAX, 65536)  # as by default
+    _C.mallopt(_M_MMAP_THRESHOLD, 4 * 2**20)
+
+
 def _give_back_memory():
     """Give what has been freed back to the system, where the C library is one that keeps it (glibc).
 
     What multigrid needs for a moment comes in small pieces, which would stay with this process: in 3D half as much as
     the pressure matrix again.
     """
-    if _trim is not None:
-        _trim(0)
+    if hasattr(_C, "malloc_trim"):
+        _C.malloc_trim(0)
 
-
-_trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
 
 _LIBRARY = ctypes.CDLL(PETSc.__file__)  # petsc4py has no name for these functions of PETSc
 _pointer = ctypes.c_void_p
