@@ -350,7 +350,7 @@ def _check_in_box(job, point, key):
 def _check_inside(job, point, key):
     """Refuse a point outside the tank, chamfers included."""
     _check_in_box(job, point, key)
-    hull = build_hull(job.tank, job.dimension, job.spacing)
+    hull = build_hull(job.tank, job.spacing)
     if hull is None:
         return
     at = np.array([point[-hull.dimension :]])
@@ -404,7 +404,7 @@ def layer_depths(job):
     tuple of float or None
         m; None for a liquid that fills a region.
     """
-    hull = build_hull(job.tank, job.dimension, job.spacing)
+    hull = build_hull(job.tank, job.spacing)
     height = job.tank.height
     depths, level = [], 0.0
     for fluid in job.fluids:

@@ -86,9 +86,9 @@ def _split(arguments):
     for number, word in enumerate(arguments):
         if skip:
             skip = False
-        elif word.startswith("-ppe_"):
+        elif word.startswith(("-ppe_", "-viscosity_")):
             after = arguments[number + 1 : number + 2]
-            skip = bool(after) and not after[0].startswith("-") and not after[0].endswith((".yaml", ".yml"))
+            skip = bool(after) and re.fullmatch(r"-[^\d.].*|.*\.ya?ml", after[0]) is None
         else:
             ours.append(word)
     return ours
@@ -114,7 +114,7 @@ def _run_parser():
     parser.add_argument("--version", action="version", version=f"parmps {__version__}")
     _add_job(parser)
     parser.add_argument("--out", metavar="DIR", help="output directory, instead of the job's")
-    parser.add_argument("--restart", metavar="DIR", help="continue from the checkpoint of an earlier run")
+    parser.add_argument("--restart", metavar="DIR", help="continue from that run's checkpoint, there or in --out")
     parser.add_argument(
         "--wall-limit",
         metavar="TIME",

@@ -58,7 +58,7 @@ class Domain:
         return self._reduce(values, MPI.SUM)
 
     def max(self, values):
-        """Maximum over the ranks, element by element; NaN wins."""
+        """Maximum over the ranks, element by element."""
         return self._reduce(values, MPI.MAX)
 
     def min(self, values):

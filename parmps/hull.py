@@ -189,13 +189,12 @@ class Round:
         return Shell(surface + depth * out, surface, -out, share * out)
 
 
-def build_hull(tank, dimension, spacing):
+def build_hull(tank, spacing):
     """Make the hull of a tank.
 
     Parameters
     ----------
     tank : parmps.scene.Tank
-    dimension : int
     spacing : float, m
         Of the particles.
 

@@ -253,7 +253,7 @@ def build_geometry(job, wall, layers=3):
     solids = tuple(_solid(baffle, axes, mean, wall, job.tank.lid) for baffle in job.tank.baffles)
     boxes = np.concatenate([np.empty((0, 2, 3)), *[solid.boxes for solid in solids]])
     walls = Walls(container, not job.tank.lid, boxes)
-    hull = build_hull(job.tank, job.dimension, spacing)
+    hull = build_hull(job.tank, spacing)
     if hull is None:
         return Geometry(job.dimension, wall, layers, mean, axes, layer_rows, walls, solids, None, (), None)
     across = hull_axes(hull, job.dimension)

@@ -84,6 +84,21 @@ class FrameState(NamedTuple):
         turn = np.cross(self.alpha, axes) + np.cross(self.omega, np.cross(self.omega, axes))
         return self.force - position @ turn
 
+    def greatest_force(self, corners):
+        """Greatest body force in the tank, which is at one of its corners.
+
+        Parameters
+        ----------
+        corners : (m, 3) float64, m
+            `Motion.corners`.
+
+        Returns
+        -------
+        float
+            m/s2.
+        """
+        return float(np.linalg.norm(self.force_at(corners), axis=1).max())
+
 
 class RigidMotion(NamedTuple):
     """A moving frame seen from an outer frame: X(r) = origin + rotation r, with first and second derivatives.
@@ -209,6 +224,11 @@ class Motion:
     tank : Tank
         Its bottom centre is the centre of turns that name none.
 
+    Attributes
+    ----------
+    corners : (m, 3) float64, m
+        Of the box around the tank.
+
     Raises
     ------
     InputError
@@ -217,6 +237,8 @@ class Motion:
 
     def __init__(self, items, gravity, dimension, tank):
         self._gravity = np.array([0.0, 0.0, -gravity])
+        size = tank.size if dimension == 3 else (tank.length, 0.0, tank.height)
+        self.corners = np.stack(np.meshgrid(*[(0.0, side) for side in size]), axis=-1).reshape(-1, 3)
         self._translations = []
         turns = {kind: [] for kind in ROTATIONS}
         for number, item in enumerate(items):

@@ -5,8 +5,8 @@ complete rows only. Nothing here knows MPI: a caller passes the rows that it hol
 puts the barriers between `ParticleFile.create`, `ParticleFile.write` on every rank, and
 `ParticleFile.commit` on one.
 
-At equal times, output comes before the checkpoint: a restart keeps everything up to and including the time
-of its checkpoint.
+At equal times, the checkpoint comes before output: a restart keeps everything before the time of its checkpoint, and
+writes what is due at that time anew.
 """
 
 import contextlib
@@ -239,7 +239,7 @@ class ParticleFile:
         points : int
             Particles in every frame; must be those of the file.
         frames : int
-            Frames that the whole run needs, those already in the file included.
+            Frames that the run needs from the restart on.
         time : float
             Time of the restart, s; later frames are dropped.
 
@@ -258,10 +258,10 @@ class ParticleFile:
                 raise OutputError(path, f"holds {old.points} particles a frame, the run has {points}")
             with output_errors(path):
                 kept = int(np.searchsorted(old.times(), time, side="right"))
-                if old.capacity >= frames:
+                if old.capacity >= kept + frames:
                     old._set_count(kept)
                 else:
-                    old._copy_into_larger(kept, frames)
+                    old._copy_into_larger(kept, kept + frames)
         return kept
 
     @property

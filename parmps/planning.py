@@ -9,7 +9,7 @@ from parmps.expectation import changed_settings, error_class, expected_cost, exp
 from parmps.hull import build_hull
 from parmps.kernels.weight import lattice
 from parmps.liquids import Liquids
-from parmps.motion import FrameState, Motion
+from parmps.motion import Motion
 from parmps.particles import FIELDS
 from parmps.simulation import (
     CAPILLARY_STEP,
@@ -105,16 +105,25 @@ def estimate_particles(job, layers):
     liquid = (layered + regions) / job.spacing**job.dimension
     surface = 2.0 * sum(np.prod(np.delete(sides, axis)) for axis in range(len(sides)))
     for baffle in job.tank.baffles:
-        along = baffle.top - baffle.bottom if baffle.vertical else baffle.right - baffle.left
-        low, high = baffle.width or (0.0, job.tank.size[1])
-        surface += 2.0 * along * ((high - low) / job.spacing if job.dimension == 3 else 1.0) / job.spacing
+        surface += 2.0 * _baffle_face(job, baffle) / job.spacing ** (job.dimension - 1)
     counts = {"fluid": round(liquid), "wall": round(surface), "dummy": round((layers - 1) * surface)}
     return {**counts, "total": sum(counts.values())}, job.spacing
 
 
+def _baffle_face(job, baffle):
+    """Area of one side of a baffle, m2 (length in 2D, m)."""
+    length, width, height = job.tank.size if job.dimension == 3 else (job.tank.length, 1.0, job.tank.height)
+    if baffle.ring is not None:
+        across = height if baffle.vertical else length
+        return across * width - max(across - 2.0 * baffle.ring, 0.0) * max(width - 2.0 * baffle.ring, 0.0)
+    along = baffle.top - baffle.bottom if baffle.vertical else baffle.right - baffle.left
+    low, high = baffle.width or (0.0, width)
+    return along * (high - low) - sum((b[0] - a[0]) * (b[1] - a[1]) for a, b in baffle.openings)
+
+
 def _content_below(job, level):
     """Volume of the tank below a level, m3 (m2 in 2D)."""
-    hull = build_hull(job.tank, job.dimension, job.spacing)
+    hull = build_hull(job.tank, job.spacing)
     if hull is None:
         return math.prod(job.tank.size[:-1]) * level
     return hull.content_below(level) * (job.tank.length if hull.dimension < job.dimension else 1.0)
@@ -265,16 +274,13 @@ def _bound(job, spacing, force, speed):
 
 
 def _motion_extremes(job):
-    """Greatest uniform body force (m/s2) and greatest speed of the tank's corners (m/s) during the run."""
+    """Greatest body force (m/s2) and greatest speed (m/s) of the tank's corners during the run."""
     motion = Motion(job.motion, job.gravity, job.dimension, job.tank)
     if not motion.moves:
         return job.gravity, 0.0
-    size = job.tank.size if job.dimension == 3 else (job.tank.length, 0.0, job.tank.height)
-    corners = np.stack(np.meshgrid(*[(0.0, side) for side in size]), axis=-1).reshape(-1, 3)
     frames = [motion.at(t) for t in np.linspace(0.0, job.time.end, SAMPLES)]
-    course = FrameState(*map(np.array, zip(*frames, strict=True)))
-    speed = np.linalg.norm(course.velocity_at(corners[:, None]), axis=-1)
-    return float(np.linalg.norm(course.force, axis=1).max()), float(speed.max())
+    speed = max(np.linalg.norm(frame.velocity_at(motion.corners), axis=1).max() for frame in frames)
+    return max(frame.greatest_force(motion.corners) for frame in frames), float(speed)
 
 
 def _initial_speed(job):

@@ -57,9 +57,12 @@ class Schedule:
         """A multiple of the interval, rounded so that 6 x 0.1 s and 120 x 0.005 s are the same instant."""
         return float(f"{number * self.every:.12g}")
 
-    def count(self):
-        """Number of times due in the whole run, the start and the end included."""
-        return math.ceil(self.end / self.every * (1.0 - 1e-12)) + 1
+    def count(self, time):
+        """Number of times due from a time, in s, to the end, both included."""
+        number = math.floor(time / self.every)
+        while self._multiple(number) < time:
+            number += 1
+        return max(math.ceil(self.end / self.every * (1.0 - 1e-12)) - number, 0) + 1
 
 
 class Run:
@@ -72,7 +75,8 @@ class Run:
     directory : path-like
         Where results go.
     restart : path-like, optional
-        Directory of the run to continue; its results are continued in place.
+        Directory of the run to continue. Where it is ``directory``, its results are continued in place; elsewhere new
+        ones begin at the time of its checkpoint.
     interrupt : Interrupt, optional
         Tells when to stop before the end; never by default.
 
@@ -90,13 +94,14 @@ class Run:
         self.probes = build_probes(job, self.simulation.geometry)
         if restart is not None:
             self._read_checkpoint(Path(restart) / "checkpoint.h5")
-        self._on_main(lambda: prepare_directory(self.directory, restart is not None))
+        in_place = restart is not None and self.directory.resolve() == Path(restart).resolve()
+        self._on_main(lambda: prepare_directory(self.directory, in_place))
         self.log = self._on_main(lambda: RunLog(self.directory / "run.log", _watched()))
         end, out = job.time.end, job.output
         self.samples = Schedule(out.probes_every, end)
         self.frames = Schedule(out.particles_every, end)
         self.saves = Schedule(out.checkpoint_every, end)
-        self._open_results(restart is not None)
+        self._open_results(in_place)
         self._first_step = self.simulation.step_number
         self._compilation = Compilation(self.log.line if self.main else None)
         self._seconds_of_results = 0.0
@@ -129,14 +134,14 @@ class Run:
 
     # Results
 
-    def _open_results(self, restart):
+    def _open_results(self, in_place):
         columns = [name for probe in self.probes for name in probe.columns]
         table, path = self.directory / "probes.csv", self.directory / "particles.vtkhdf"
         before = math.nextafter(self.simulation.time, -math.inf)
-        total, frames = self.simulation.totals["total"], self.frames.count()
+        total, frames = self.simulation.totals["total"], self.frames.count(self.simulation.time)
 
         def begin():
-            if restart:
+            if in_place:
                 self.frame = ParticleFile.resume(path, total, frames, before)
                 return ProbeTable.resume(table, columns, before)
             self.frame = 0
@@ -160,7 +165,7 @@ class Run:
             frame=s.frame,
             density=s.liquids.density[p.fluid[own]],
             volume=(s.particle_mass / s.liquids.density)[p.fluid[own]],
-            fraction=np.ones(p.owned) if s.fraction is None else s.fraction[own],
+            fraction=s.fraction[own],
         )
 
     def _sample(self):
@@ -225,7 +230,7 @@ class Run:
         header, arrays = self._everywhere(read)
         counters, left = dict(header.attributes["counters"]), header.attributes["left"]
         if not self.main:
-            counters |= dict.fromkeys(SUMMED, 0)
+            counters |= {name: type(counters[name])(0) for name in SUMMED}
             left = []
         s.restore({"counters": counters, "arrays": arrays, "left": left})
 
@@ -280,6 +285,7 @@ class Run:
             s.solve()
             with self._writing():
                 if self.samples.due(s.time):
+                    s.note_energy()
                     self._good = s.snapshot()
                     self._sample()
                 if self.frames.due(s.time):
@@ -383,7 +389,7 @@ class Run:
                 "iterations_max": s.iterations_max,
                 "rebuilds": s.solver.rebuilds,
             },
-            "time_step": {"min": s.step_min, "max": s.step_max},
+            "time_step": {"min": s.step_min if s.step_number else None, "max": s.step_max},
             "energy_drift": s.energy_drift(),
             "peak_memory_bytes": domain.gather(memory),
             "versions": {

@@ -1,4 +1,4 @@
-"""The simulation: state, time loop, and what is written when."""
+"""The simulation: its state, its time step, and what the ranks share of it."""
 
 import math
 import time as clock
@@ -9,6 +9,7 @@ from parmps.components import Floating
 from parmps.errors import DivergedError
 from parmps.interfaces import Links, Near
 from parmps.kernels.shifting import keep_off_walls
+from parmps.kernels.smoothing import smooth_mass_density
 from parmps.kernels.velocity import body_force, greatest_speed
 from parmps.kernels.weight import lattice
 from parmps.liquids import Liquids
@@ -99,6 +100,12 @@ class Work:
         densities are sharp.
     weak : (m,) int32
         The particles of little support.
+    nearest : (rows,) int32
+        Fluid particle whose liquid a wall particle belongs to, -1 for none; empty where there is one liquid.
+    bend : None or (count,) float64
+        Curvature of the interface near each particle, 1/m; None without surface tension between liquids.
+    near_interface : None or Near
+        What is known of interfaces; None without any.
     above : None or (count,) float64
         Pressure on the free surface above its particles, Pa; None without surface tension there.
     inward : None or (count,) float64
@@ -146,6 +153,8 @@ class Simulation:
         Of the step under way, s.
     particles : Particles
     plan : Plan
+    force : float
+        Greatest body force in the tank, m/s2.
     courant, grid_number, activity : float
         Time step in the units that shifting and damping refer to: u dt / l0 with the greatest speed u,
         sqrt(f / l0 + c / (4 l0^3)) dt with the body force f and the capillary rate c of `Liquids`, and the latter plus
@@ -187,8 +196,7 @@ class Simulation:
         reach = max(scheme.radius, scheme.laplacian_radius) * self.l0
         moved = scheme.position == "moved"
         self.pairs = Pairs(reach, self.geometry.obstacles, wall_pairs=moved)
-        wide = scheme.volume_radius if scheme.volume_time is not None else 0.0
-        self.halo_reach = max(reach, wide * self.l0)
+        self.halo_reach = max(reach, scheme.volume_radius * self.l0)
         self.halo_width = self.halo_reach + HALO_MARGIN * self.l0
         arrays = {
             name: getattr(placement, name) for name in ("id", "kind", "fluid", "parent", "position", "normal", "depth")
@@ -199,7 +207,7 @@ class Simulation:
         self.particles = Particles(arrays)
         self.time, self.step_number, self.dt = 0.0, 0, 0.0
         self.frame = self.motion.at(0.0)
-        self.courant = self.grid_number = self.activity = 0.0
+        self.force = self.courant = self.grid_number = self.activity = 0.0
         self.implicit = False
         self.suction = math.inf
         self.contacts = self.put_back = 0
@@ -347,9 +355,18 @@ class Simulation:
 
     @property
     def fraction(self):
-        """Share of the own liquid in each particle's neighbourhood, or None where it makes no difference: (n,)."""
-        near = self.work.near_interface
-        return self.work.fraction if near is None else near.colour + 0.5
+        """Share of the own liquid among each particle's neighbours, 1 for walls: (n,) float64."""
+        near, p = self.work.near_interface, self.particles
+        if near is not None:
+            return near.colour + 0.5
+        if self.work.fraction is not None or not self.liquids.several:
+            return np.ones(len(p)) if self.work.fraction is None else self.work.fraction
+        unused, fraction = np.empty(len(p)), np.ones(len(p))  # liquids of one density, which no stage tells apart
+        lists = (*self.pairs.wet, self.strength)
+        smooth_mass_density(
+            p.position, p.kind, p.fluid, self.liquids.density, *lists, self.scheme.radius, p.liquid, unused, fraction
+        )
+        return fraction
 
     def blocks(self):
         """Room for this rank's part of the matrix.
@@ -397,11 +414,9 @@ class Simulation:
         self.work_done += self.dt * self.mass_sum(power)
 
     def keep_inside(self):
-        """Put particles back that a wall should have stopped, and tell those that left an open tank."""
+        """Put particles back that a wall should have stopped, and tell those that left an open tank over its rim."""
         p, walls = self.particles, self.geometry.walls
-        self.put_back += keep_off_walls(
-            p.position, p.velocity, p.kind, walls, 0.2 * self.l0, p.liquid
-        )
+        self.put_back += keep_off_walls(p.position, p.velocity, p.kind, walls, 0.2 * self.l0, p.liquid)
         if not walls.open_top:
             return
         at = p.position[: p.liquid]
@@ -440,7 +455,8 @@ class Simulation:
         if not math.isfinite(speed):
             raise DivergedError(f"a velocity is not finite at t = {self.time:g} s, step {self.step_number}")
         self.frame = self.motion.at(self.time)
-        control, force = self.job.time, np.linalg.norm(self.frame.force)
+        control, force = self.job.time, self.frame.greatest_force(self.motion.corners)
+        self.force = force
         courant, steady = flow_limits(self.job, self.floating.count > 0)
         bounds = [control.max_step or math.inf]
         if force > 0.0:
@@ -467,9 +483,7 @@ class Simulation:
         capillary = self.liquids.capillary_rate * CAPILLARY_SHARE / self.l0**3
         self.grid_number = math.sqrt(force / self.l0 + capillary) * self.dt
         self.activity = self.grid_number + 0.2 * self.courant
-        length, frame = max(self.job.tank.size), self.frame
-        strength = force + length * (np.linalg.norm(frame.alpha) + np.linalg.norm(frame.omega) ** 2)
-        self.suction = float(self.liquids.density.max()) * (0.5 * speed**2 + strength * length)
+        self.suction = float(self.liquids.density.max()) * (0.5 * speed**2 + force * max(self.job.tank.size))
         if self.liquids.tension is not None:
             self.suction += float(self.liquids.tension.max()) / self.l0
         if self.liquids.surface_tension is not None:
@@ -488,7 +502,8 @@ class Simulation:
     def _head(self):
         """Greatest difference of the body force's potential in the liquid, m2/s2: f h of a depth h."""
         p = self.particles
-        potential = p.position[: p.liquid] @ self.frame.force
+        at = p.position[: p.liquid]
+        potential = np.einsum("ij,ij->i", at, self.frame.force_at(0.5 * at))  # of a force that is linear in the place
         ends = [potential.max(initial=-math.inf), (-potential).max(initial=-math.inf)]
         return float(np.sum(self.domain.max(np.array(ends))))
 
@@ -589,20 +604,25 @@ class Simulation:
         v = p.velocity[: p.liquid]
         return 0.5 * float(self.domain.sum(self.mass_sum(np.einsum("ij,ij->i", v, v))))
 
+    def note_energy(self):
+        """Kinetic energy, J, of which the greatest so far is kept for `energy_drift`."""
+        kinetic = self.kinetic_energy()
+        self.largest_kinetic = max(self.largest_kinetic, kinetic)
+        return kinetic
+
     def energy_drift(self):
         """Energy that came from nowhere (or, negative, went to heat), over the energy of the liquid.
 
         Kinetic energy less its initial value and less the work of the body force, over the greatest kinetic
-        energy so far plus the potential energy of the liquid at the start, above the tank's bottom. The energy of
+        energy noted so far plus the potential energy of the liquid at the start, above the tank's bottom. The energy of
         surfaces under tension is not known: what they give the liquid counts as from nowhere.
 
         Returns
         -------
         float
         """
-        kinetic = self.kinetic_energy()
+        kinetic = self.note_energy()
         work = float(self.domain.sum(self.work_done))
-        self.largest_kinetic = max(self.largest_kinetic, kinetic)
         return (kinetic - self.initial_energy - work) / max(self.energy_scale + self.largest_kinetic, 1e-300)
 
     def volume_drift(self):
@@ -647,4 +667,5 @@ def wall_layers(scheme):
     int
     """
     laplacian = scheme.laplacian_radius if scheme.surface == "ghost" else 0.0
-    return max(3, math.ceil(max(scheme.radius, laplacian)))
+    volume = scheme.volume_radius - 1.0 if scheme.volume_time is not None else 0.0  # half a spacing off on both sides
+    return max(3, math.ceil(max(scheme.radius, laplacian, volume)))

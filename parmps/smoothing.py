@@ -22,7 +22,6 @@ def smooth_mass_density(sim):
         density,
         *sim.pairs.wet,
         sim.strength,
-        sim.l0,
         sim.scheme.radius,
         p.liquid,
         w.mass_density,

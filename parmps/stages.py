@@ -431,7 +431,7 @@ def predict(sim):
     """
     p, w = sim.particles, sim.work
     sim.evaluate_body_force()
-    limit = sim.scheme.predictor_limit * np.linalg.norm(sim.frame.force)
+    limit = sim.scheme.predictor_limit * sim.force
     velocity.predict(p.kind, p.velocity, p.acceleration, w.force, limit, sim.dt, w.link_force, w.intermediate)
 
 
@@ -772,6 +772,7 @@ def extrapolate_to_dummies(sim):
     parent = order[place]
     known = p.id[parent] == p.parent[dummies]
     dummies, parent = dummies[known], parent[known]
-    jump = (p.position[dummies] - p.position[parent]) @ sim.frame.force
-    jump = mass_density(sim, parent) * jump
+    start, end = p.position[parent], p.position[dummies]
+    force = sim.frame.force_at(0.5 * (start + end))
+    jump = mass_density(sim, parent) * np.einsum("ij,ij->i", end - start, force)
     p.pressure[dummies] = np.where(p.pressure[parent] != 0.0, p.pressure[parent] + jump, 0.0)

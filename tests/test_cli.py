@@ -4,6 +4,7 @@ import argparse
 import csv
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -224,6 +225,33 @@ def test_restart_continues_bit_by_bit(job, tmp_path):
         np.testing.assert_array_equal(arrays[name], values, err_msg=name)
     steps = [json.loads((tmp_path / d / "run.json").read_text())["steps"] for d in ("parts", "whole")]
     assert steps[0] == steps[1]
+
+
+def test_restart_elsewhere_with_other_output(job, tmp_path):
+    """Frames are as many as the new interval has from the restart on; the first run's results stay as they are."""
+    assert parmps(tmp_path, job, "--out", "first").returncode == 0
+    before = (tmp_path / "first" / "probes.csv").read_bytes()
+    end = read_table(tmp_path / "first" / "probes.csv")[1][-1, 0]
+    more = "--set", f"time.end={2 * end}", "--set", f"output.particles_every={end / 2}"
+    for out in ((), ("--out", "second")):
+        source = tmp_path / "first"
+        if not out:
+            shutil.copytree(source, tmp_path / "copy")
+            source = tmp_path / "copy"
+        done = parmps(tmp_path, job, "--restart", source.name, *out, *more)
+        assert done.returncode == 0, done.stderr
+        moment, _ = last_frame((tmp_path / "second" if out else source) / "particles.vtkhdf")
+        assert moment == 2 * end
+    rows = [read_table(tmp_path / name / "probes.csv")[1] for name in ("copy", "second")]
+    assert rows[1][0, 0] == end
+    np.testing.assert_array_equal(rows[0][rows[0][:, 0] >= end], rows[1])
+    assert (tmp_path / "first" / "probes.csv").read_bytes() == before
+
+
+def test_options_of_petsc_are_told_from_ours():
+    words = ["job.yaml", "-ppe_pc_gamg_threshold", "-1", "-viscosity_ksp_rtol", "1e-8", "-ppe_ksp_view", "--out", "x"]
+    assert cli._split(words) == ["job.yaml", "--out", "x"]
+    assert cli._split(["-ppe_ksp_monitor", "job.yml"]) == ["job.yml"]
 
 
 def test_a_solver_that_fails_ends_with_status_3_and_a_checkpoint(job, tmp_path):

@@ -430,6 +430,21 @@ def test_a_block_thrown_into_a_full_tank_gains_no_energy(start, velocity):
     assert weak > 0
 
 
+def test_strayed_particles_of_liquids_of_one_density_are_told(start):
+    """No stage tells such liquids apart; probes must."""
+    sim = start(
+        "dimension: 2\nspacing: 0.01\ntank: {size: [0.2, 0.2]}\ntime: {end: 9.0}\n"
+        "fluids: [{name: a, depth: 0.05}, {name: b, depth: 0.05}]\n"
+    )
+    ready(sim)
+    p = sim.particles
+    assert sim.work.near_interface is None
+    assert np.all(sim.fraction[: p.liquid] > 0.5)
+    lone = np.argmin(np.abs(p.position[: p.liquid] - [0.1, 0.0, 0.02]).sum(axis=1))
+    p.fluid[lone] = 1
+    assert np.flatnonzero(sim.fraction[: p.liquid] < 0.5).tolist() == [lone]
+
+
 def test_support_beside_gaps_of_a_full_tank(start):
     """None for what is as lopsided as a free surface; whole in the lattice, and everywhere where a surface is one."""
     text = "dimension: 2\nspacing: 0.01\ntank: {size: [0.2, 0.2]}\ntime: {end: 9.0}\nfluids: [{name: a, depth: %g}]\n"

@@ -57,6 +57,23 @@ def assert_free_fall(motion, duration=0.6):
         np.testing.assert_allclose(earth, origin + launch * (t + step) - fall, atol=1e-8)
 
 
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_greatest_force_does_not_depend_on_where_the_origin_is(dimension):
+    """A roll about one lower corner is the mirror image of that about the other."""
+    tank = TANK_2D if dimension == 2 else TANK
+    kind, axis = ("pitch", 0) if dimension == 2 else ("roll", 1)
+    found = []
+    for side, sign in ((0.0, 1.0), (1.0, -1.0)):
+        centre = np.zeros(dimension)
+        centre[axis] = side * tank.size[axis]
+        turn = Rotation(kind=kind, amplitude_deg=sign * 20, omega=17, centre=tuple(centre))
+        motion = Motion([turn], GRAVITY, dimension, tank)
+        found.append(motion.at(0.03).greatest_force(motion.corners))
+        points = np.random.default_rng(1).random((200, 3)) * np.abs(motion.corners).max(axis=0)
+        assert np.linalg.norm(motion.at(0.03).force_at(points), axis=1).max() <= found[-1]
+    assert found[0] == pytest.approx(found[1], rel=1e-12)
+
+
 def write_csv(path, columns, end=2.0, rows=201, start=0.0):
     time = np.linspace(start, end, rows)
     table = np.column_stack([time, *(law(time) for law in columns.values())])

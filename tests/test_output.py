@@ -94,7 +94,7 @@ def test_frames_out_of_order_or_beyond_the_end_are_refused(particles):
             with pytest.raises(ValueError, match="is not the next"):
                 file.write(frame, 0, rows_of(frame))
         with pytest.raises(ValueError, match="rows"):
-            ParticleFile.resume(particles, POINTS, 6, 0.0)
+            ParticleFile.resume(particles, POINTS, 5, 0.0)
             file.write(1, 1, rows_of(1))
 
 
@@ -169,7 +169,7 @@ def test_a_kill_at_any_moment_leaves_whole_frames_and_a_restart_completes_them(p
         os.kill(worker.pid, signal.SIGKILL)
         worker.join()
         assert check_frames(particles) >= kept
-        kept = ParticleFile.resume(particles, POINTS, 6, draw.uniform(0.0, 0.6))
+        kept = ParticleFile.resume(particles, POINTS, 0, draw.uniform(0.0, 0.6))
         assert check_frames(particles) == kept
     write_frames(particles, kept, 6)
     assert check_frames(particles) == 6
@@ -177,7 +177,7 @@ def test_a_kill_at_any_moment_leaves_whole_frames_and_a_restart_completes_them(p
 
 def test_a_restart_keeps_the_frames_up_to_its_time(particles):
     write_frames(particles, 0, 5)
-    assert ParticleFile.resume(particles, POINTS, 6, 0.1 * 3) == 4
+    assert ParticleFile.resume(particles, POINTS, 2, 0.1 * 3) == 4
     assert check_frames(particles) == 4
     write_frames(particles, 4, 6)
     assert check_frames(particles) == 6
@@ -185,7 +185,7 @@ def test_a_restart_keeps_the_frames_up_to_its_time(particles):
 
 def test_a_restart_to_a_later_end_makes_room(particles):
     write_frames(particles, 0, 6)
-    assert ParticleFile.resume(particles, POINTS, 9, 0.41) == 5
+    assert ParticleFile.resume(particles, POINTS, 4, 0.41) == 5
     write_frames(particles, 5, 9)
     assert check_frames(particles) == 9
     with h5py.File(particles) as file:

@@ -74,6 +74,17 @@ def test_the_estimate_for_large_tanks_is_near_the_count(changes):
         assert estimate[name] == pytest.approx(exact[name], rel=0.06), name
 
 
+@pytest.mark.parametrize("baffle", ["ring: 0.1", "bottom: 0, top: 0.477, openings: [[[0.1, 0.1], [0.5, 0.4]]]"])
+def test_the_estimate_knows_what_a_baffle_in_3d_leaves_open(baffle):
+    counts = []
+    for baffles in ("", f"{{x: 0.4, thickness: 0.02, {baffle}}}"):
+        tank = f"tank={{size: [0.834, 0.664, 0.477], baffles: [{baffles}]}}"
+        job = load_job("jobs/lng_tank.yaml", ["spacing=0.01", tank, "probes=[]"])
+        counts.append((count_particles(job, "half")[0]["wall"], estimate_particles(job, 3)[0]["wall"]))
+    (exact, estimate), (more, estimate_more) = counts
+    assert estimate_more - estimate == pytest.approx(more - exact, rel=0.15)
+
+
 @pytest.mark.parametrize(
     "tank",
     [

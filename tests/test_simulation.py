@@ -9,7 +9,7 @@ import pytest
 from parmps.components import Floating
 from parmps.domain import Domain
 from parmps.errors import DivergedError
-from parmps.particles import FLUID, WALL
+from parmps.particles import FLUID, OUT, WALL
 from parmps.pressure import Blocks
 
 RHO, G = 1000.0, 9.8
@@ -295,6 +295,27 @@ def test_papers_scheme_runs_and_has_the_printed_counts(start):
     p = sim.particles
     assert np.all(np.isfinite(p.position)) and np.all(np.isfinite(p.pressure))
     assert np.abs(p.velocity[: p.liquid]).max() < 1.0
+
+
+def test_liquid_that_flies_over_the_rim_has_left(start):
+    """Below the rim the wall holds it; above the rim there is none."""
+    sim = start(
+        "dimension: 2\nspacing: 0.02\ntank: {size: [0.4, 0.2], lid: false}\nfluids: [{name: a, depth: 0.1}]\n"
+        "time: {end: 1.0}\n"
+    )
+    sim.step(1.0)
+    p = sim.particles
+    over, below = p.position[: p.liquid, 2].argsort()[-2:]
+    p.position[over], p.velocity[over] = [0.02, 0.0, 0.23], [-1.0, 0.0, 0.0]
+    p.position[below], p.velocity[below] = [0.38, 0.0, 0.17], [1.0, 0.0, 0.0]
+    ids = p.id[[over, below]]
+    march(sim, 0.06)
+    p = sim.particles
+    assert [item[0] for item in sim.left] == [ids[0]] and sim.left[0][1][0] < 0.0 and sim.left[0][1][2] > 0.2
+    assert np.count_nonzero(p.kind == OUT) == 1
+    assert p.position[: p.liquid][p.kind[: p.liquid] == FLUID, 0].max() < 0.4
+    march(sim, 0.3)
+    assert np.count_nonzero(sim.particles.kind == OUT) == 1
 
 
 @pytest.mark.parametrize("motion", ["[]", "[{kind: surge, amplitude: 0.02, omega: 6.469}]"])

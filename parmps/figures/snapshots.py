@@ -270,7 +270,7 @@ def _key(figure, axes, view, shown, low, high):
     figure.legend(handles=patches, loc="outside right center", frameon=False)
 
 
-def draw_snapshots(directory, view, times, show=False):
+def draw_snapshots(directory, view, times):
     """Draw the frames nearest to some times, all on one scale.
 
     Parameters
@@ -280,8 +280,6 @@ def draw_snapshots(directory, view, times, show=False):
     view : View
     times : sequence of float or None
         s; None for the last frame.
-    show : bool
-        Whether the figure is to be shown in a window.
 
     Returns
     -------
@@ -292,7 +290,7 @@ def draw_snapshots(directory, view, times, show=False):
     top = scale_top(view, frames)
     columns = 1 if len(frames) == 1 else 2
     rows = -(-len(frames) // columns)
-    figure, panels = _figure(view, limits, rows, columns, show)
+    figure, panels = _figure(view, limits, rows, columns)
     for panel, frame in zip(panels.flat, frames, strict=False):
         shown = draw_panel(panel, view, frame, top, limits)
     for panel in panels.flat[len(frames) :]:
@@ -302,11 +300,11 @@ def draw_snapshots(directory, view, times, show=False):
     return figure
 
 
-def _figure(view, limits, rows, columns, show=False):
+def _figure(view, limits, rows, columns):
     """Make a figure of panels with the shape of the tank, and label its outer axes."""
     width, height = limits[1] - limits[0]
     panel_width = (WIDTH - 2.0) / columns
-    figure = new_figure(rows * (panel_width * height / width + 0.45) + 1.0, show)
+    figure = new_figure(rows * (panel_width * height / width + 0.45) + 1.0)
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     for panel in panels[-1]:
         panel.set_xlabel("x [m]")

@@ -2,7 +2,7 @@
 
 Most candidates are no neighbours, in no order that could be predicted, and a loop over them spends its time storing
 each and overwriting it with the next. With AVX-512 eight are looked at together and those that are near are packed by
-one instruction, which no loop can be made to compile to: so it is written out here. It takes half of the time.
+one instruction, which no loop can be made to compile to: so it is written out here.
 """
 
 import numpy as np

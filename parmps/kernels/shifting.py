@@ -129,7 +129,7 @@ def move(
         s.
     rows : int
     beyond : None or (rows, 3) float64
-        As in `interface.normals`: particles beside another liquid move as the interface does.
+        As made by `interface.moment_beyond`: particles beside another liquid move as the interface does.
     inward : None or (n,) float64
         Asymmetry along the normal that shifts surface particles all the same, as made by `surface.crowd_out`.
     first, last, other
@@ -204,12 +204,15 @@ def keep_off_walls(position, velocity, kind, walls, least, rows):
     """
     count = 0
     low, high = walls.container[0] + least, walls.container[1] - least
+    rim = walls.container[1, 2] if walls.open_top else np.inf  # above it there is no wall
     solids, planes = walls.solids, walls.planes
     flat = len(walls.rounds) + walls.field.size == 0
     for i in range(rows):
         if kind[i] != 0:
             continue
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
+        if z > rim:
+            continue
         if flat and low[0] <= x <= high[0] and low[1] <= y <= high[1] and low[2] <= z <= high[2]:
             clear = len(solids) == 0 or not beside_solid(x, y, z, least, solids)
             for k in range(len(planes)):

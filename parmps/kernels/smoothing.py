@@ -9,7 +9,7 @@ from parmps.kernels.weight import weight
 
 
 @compiled
-def smooth_mass_density(position, kind, fluid, density, first, last, other, strength, l0, reach, rows, out, fraction):
+def smooth_mass_density(position, kind, fluid, density, first, last, other, strength, reach, rows, out, fraction):
     """Smooth the density where liquids meet, <rho>_i = sum rho_j W / sum W over i and its neighbours ([000] eq. 12).
 
     Walls do not count. Away from other liquids the density is the own one, to the last digit.
@@ -23,8 +23,6 @@ def smooth_mass_density(position, kind, fluid, density, first, last, other, stre
         Neighbour lists.
     strength : (pairs,) float32, 1/m2
         W / r_ij^2, as made by `strengths`.
-    l0 : float
-        Spacing, m.
     reach : float
         Radius r_e of those weights, in spacings.
     rows : int
