@@ -1,5 +1,7 @@
 """The particles of a rank: a structure of arrays, its own particles first, those of the halo behind."""
 
+import math
+
 import numpy as np
 
 FLUID, WALL, DUMMY, OUT = 0, 1, 2, 3
@@ -24,6 +26,9 @@ FIELDS = {
 error, n/n0 - 1; ``parent`` the id of the wall particle that a dummy stands behind; ``normal`` and ``depth`` belong to
 walls.
 """
+
+PARTICLE_BYTES = sum(np.dtype(dtype).itemsize * math.prod(shape) for dtype, shape in FIELDS.values())
+"""Bytes of all fields of a particle."""
 
 
 class Particles:

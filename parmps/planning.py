@@ -10,7 +10,7 @@ from parmps.hull import build_hull
 from parmps.kernels.weight import lattice
 from parmps.liquids import Liquids
 from parmps.motion import Motion
-from parmps.particles import FIELDS
+from parmps.particles import PARTICLE_BYTES
 from parmps.simulation import (
     CAPILLARY_STEP,
     HALO_MARGIN,
@@ -162,7 +162,6 @@ def memory_estimate(job, counts, ranks):
     # A rank's share as a square or cube, whose sides all have other ranks behind them: the most there can be.
     side = owned ** (1.0 / dimension)
     halo = ((side + 2.0 * (max(reach, wide) + HALO_MARGIN)) ** dimension - owned) if ranks > 1 else 0.0
-    particle = sum(np.dtype(kind).itemsize * math.prod(shape) for kind, shape in FIELDS.values())
     pairs = rows * lattice(dimension, reach).neighbours
     entries = pairs + rows
     centres = liquid if scheme.position == "start" else rows
@@ -170,7 +169,7 @@ def memory_estimate(job, counts, ranks):
     return {
         "program": PROGRAM_BYTES,
         # the particles, and the copy of the last good state
-        "particles": particle * (2.0 * owned + halo),
+        "particles": PARTICLE_BYTES * (2.0 * owned + halo),
         "fields of a step": per_centre * centres + per_row * rows + per_particle * (owned + halo),
         # number and squared distance of each neighbour, and a weight where the radii differ
         "neighbour lists": 8.0 * pairs + 4.0 * pairs * (scheme.radius != scheme.laplacian_radius),

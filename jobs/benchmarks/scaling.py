@@ -43,7 +43,7 @@ from provenance import provenance  # noqa: E402
 from parmps.checkpoint import read_header, read_slabs  # noqa: E402
 from parmps.domain import BISECTIONS, Domain  # noqa: E402
 from parmps.loader import load_job  # noqa: E402
-from parmps.particles import FLUID, WALL  # noqa: E402
+from parmps.particles import FLUID, PARTICLE_BYTES, WALL  # noqa: E402
 from parmps.pressure import PRESSURE_OPTIONS  # noqa: E402
 from parmps.simulation import BALANCE_EVERY, DISTRIBUTION_STEPS, HALO_COST, SORT_EVERY, Simulation  # noqa: E402
 
@@ -57,8 +57,6 @@ COARSENING = 20.0
 """Rows of a level over those of the next one, by smoothed aggregation in 3D."""
 COARSEST = PRESSURE_OPTIONS["pc_gamg_coarse_eq_limit"]
 """Rows of the coarsest level, where PETSc stops."""
-HALO_BYTES = 171
-"""Of all fields of a particle, which come with a new halo."""
 TRAFFIC_STEPS = 40
 AGE = 20
 """Steps in which the growth of the halos is measured."""
@@ -319,7 +317,7 @@ def predict(counts, ranks, options, flows):
     return {
         "work": work + options.cost * HALO_WORK * halo,
         "halo": flows["exchanges"] * exchange(neighbours, flows["bytes"] * halo / flows["exchanges"])
-        + flows["halos"] * 2.0 * exchange(neighbours, 0.5 * HALO_BYTES * halo)
+        + flows["halos"] * 2.0 * exchange(neighbours, 0.5 * PARTICLE_BYTES * halo)
         + (1.0 + flows["halos"]) * reduction(48.0 * ranks),
         "multigrid": options.iterations * (smoothing[0] + SWEEPS * sum(smoothing) + 2.0 * reduction(8.0 * COARSEST)),
         "sums": (options.iterations * DOTS + flows["reductions"]) * reduction(),
