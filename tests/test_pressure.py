@@ -25,7 +25,7 @@ def test_one_strong_link_does_not_break_the_smoother(place):
     n = 40
     matrix = links_matrix(n, place[0] * n + place[1], 1e5)
     rows = matrix.shape[0]
-    solver = PressureSolver(MPI.COMM_SELF, 1e-8, 40.0)
+    solver = PressureSolver(MPI.COMM_SELF, 1e-8, 40.0, 2.1)
     solver.new_layout(rows)
     solver.new_halo(np.empty(0, np.int64))
     blocks = Blocks(rows, matrix.nnz, 0)
