@@ -542,7 +542,7 @@ class Simulation:
         for stage in stages:
             start = clock.perf_counter()
             stage.run(self)
-            self.seconds[stage.name] += clock.perf_counter() - start
+            self.seconds[stage.name] = self.seconds.get(stage.name, 0.0) + clock.perf_counter() - start
 
     # States
 
