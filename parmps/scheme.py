@@ -55,7 +55,7 @@ class Scheme(Section):
     )
     position: Literal["start", "moved"] = setting(
         "where the pressure equation is solved: at the step's start ([002] eqs. 15-18) or after the explicit "
-        "move ([004]); the latter with steps of 0.2 l0 / sqrt(f h) at most, f h being the head of the liquid, "
+        "move ([004]); the latter with steps of 0.1 l0 / sqrt(f h) at most, f h being the head of the liquid, "
         "without suction, and with several liquids as in [000]: smoothed density, surface tension as a force",
         default="start",
     )
