@@ -118,7 +118,7 @@ class Scheme(Section):
         "least eigenvalue of the moment matrices of the divergence", default=0.4, gt=0, le=1
     )
     gradient_floor: Number = setting(
-        "least eigenvalue of the moment matrices of the pressure gradient", default=0.6, gt=0, le=1
+        "least eigenvalue of the moment matrices of the pressure gradient", default=0.7, gt=0, le=1
     )
     collision_distance: Number = setting(
         "distance below which two particles that approach each other are stopped; 0 for never",

@@ -338,7 +338,7 @@ def measure_density(sim):
         density.mark_surface(w.density, w.asymmetry, sim.lattice.density, 0.9 * sim.lattice.asymmetry, w.surface)
         if s.position == "start":
             # low where the surface must be whole; beside cavities of violent flow it would put zero pressure inside
-            threshold = (0.6 if sim.liquids.surface_tension is None else 0.3) * sim.lattice.asymmetry
+            threshold = (0.7 if sim.liquids.surface_tension is None else 0.3) * sim.lattice.asymmetry
             density.mark_uncovered(p.position, w.wet, w.asymmetry, threshold, *sim.pairs.wet, p.liquid, w.surface)
         if s.position == "moved":  # the papers' wall particles can be in the surface, and then have no pressure
             density.mark_dry(p.kind, *sim.pairs.lists, p.liquid, p.rows, w.surface)
