@@ -391,7 +391,7 @@ def test_what_no_neighbour_covers_is_the_top_row(dimension):
     c, wet, surface, _ = surface_at_rest(dimension)
     found = np.zeros_like(surface)
     position, asymmetry = c.p.position, moments_of(c, wet).asymmetry
-    density.mark_uncovered(position, wet, asymmetry, 0.6 * c.lat.asymmetry, *c.wet[:3], c.p.liquid, found)
+    density.mark_uncovered(position, wet, asymmetry, 0.7 * c.lat.asymmetry, *c.wet[:3], c.p.liquid, found)
     np.testing.assert_array_equal(found, surface)
 
 

@@ -165,6 +165,12 @@ def test_standing_wave(measured):
     assert abs(found["volume [%]"]) < 0.15
 
 
+def test_waves_in_a_tank_that_has_stopped_do_not_grow(measured):
+    found = measured("stopped_tank", "spacing=0.02", "time.end=24", "time.max_step=0.01", "output.particles_every=24")
+    assert found["early [mm]"] > 4.0
+    assert found["growth [%]"] < 5.0
+
+
 def test_viscous_flow_between_plates(measured):
     found = measured("spin_up", "spacing=0.005", "time.end=0.1", "output.particles_every=0.1")
     assert found["early [%]"] < 5.0
