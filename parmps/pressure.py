@@ -7,6 +7,7 @@ the pressure and ``-viscosity_`` for the velocity.
 import ctypes
 import math
 import sys
+from contextlib import contextmanager
 
 import numpy as np
 import petsc4py
@@ -66,13 +67,23 @@ class _Solver:
     def __init__(self, comm, prefix, options, tolerance):
         self._comm = PETSc.Comm(comm)
         self._prefix = prefix
-        given = PETSc.Options(prefix)
-        for name, value in options.items():
-            if not given.hasName(name):
-                given[name] = value
+        self._options = options
         self._tolerance = tolerance
         self._ksp = None
         self.iterations = 0
+
+    @contextmanager
+    def _own_options(self):
+        """Have PETSc find the solver's own options where none are given; other solvers shall not find them."""
+        database = PETSc.Options(self._prefix)
+        own = {name: value for name, value in self._options.items() if not database.hasName(name)}
+        for name, value in own.items():
+            database[name] = value
+        try:
+            yield
+        finally:
+            for name in own:
+                del database[name]
 
     def new_layout(self, rows):
         """Begin a new distribution of the rows; forgets the preconditioner.
@@ -88,7 +99,8 @@ class _Solver:
         # the guess may be far from the solution: a few particles in flight, after an impact
         self._ksp.setTolerances(rtol=self._tolerance, divtol=1e50)
         self._ksp.setInitialGuessNonzero(True)
-        self._ksp.setFromOptions()
+        with self._own_options():
+            self._ksp.setFromOptions()
         self._x = PETSc.Vec().createMPI((rows, None), comm=self._comm)
         self._b = self._x.duplicate()
         self._matrix = PETSc.Mat().create(self._comm)
@@ -269,10 +281,11 @@ class PressureSolver(_Solver):
         blocks.sort()
         fresh = PETSc.PC().create(self._comm)
         fresh.setOptionsPrefix(self._prefix)
-        fresh.setFromOptions()
-        self._ksp.setPC(fresh)  # frees the old one first
-        self._ksp.setOperators(self._matrix)
-        self._ksp.setUp()
+        with self._own_options():
+            fresh.setFromOptions()
+            self._ksp.setPC(fresh)  # frees the old one first
+            self._ksp.setOperators(self._matrix)
+            self._ksp.setUp()
         fresh.setReusePreconditioner(True)
         _give_back_memory()
         self._fresh, self._excess = None, 0
