@@ -146,6 +146,11 @@ class ParticleFile:
     frame is there whole or not at all. A reader that opens the file while a frame is committed reads the
     two one after the other and may find a later length than number; that window is microseconds wide.
 
+    Parameters
+    ----------
+    path : path-like
+        A file made by `create`, opened for writing; by every process.
+
     Attributes
     ----------
     path : Path
@@ -209,26 +214,6 @@ class ParticleFile:
                 raise
 
     @classmethod
-    def open(cls, path):
-        """Open a file for writing; for every process.
-
-        Parameters
-        ----------
-        path : path-like
-            A file made by `create`.
-
-        Returns
-        -------
-        ParticleFile
-
-        Raises
-        ------
-        OutputError
-            If the file is missing, cannot be written or was not made by `create`.
-        """
-        return cls(path)
-
-    @classmethod
     def resume(cls, path, points, frames, time):
         """Cut a file back to a time and make room for the frames to come; for one process only.
 
@@ -289,8 +274,7 @@ class ParticleFile:
         start : int
             First row in the frame.
         arrays : dict of str to ndarray
-            ``position`` (n, 2 or 3), m, and the fields of `POINT_DATA`, ``velocity`` (n, 2 or 3), m/s. Two
-            columns are x and z.
+            ``position`` (n, 3), m, and the fields of `POINT_DATA`.
 
         Raises
         ------
@@ -305,8 +289,7 @@ class ParticleFile:
         if start < 0 or start + rows > self.points:
             raise ValueError(f"rows {start} to {start + rows} of {self.points}")
         columns = {name: np.asarray(arrays[name], dtype) for name, (dtype, _) in POINT_DATA.items()}
-        columns["velocity"] = _three_columns(columns["velocity"])
-        columns["position"] = _three_columns(np.asarray(arrays["position"], "<f8"))
+        columns["position"] = np.asarray(arrays["position"], "<f8")
         if any(len(array) != rows for array in columns.values()):
             raise ValueError(f"not every array has {rows} rows")
         with output_errors(self.path):
@@ -468,13 +451,6 @@ def _lay_out_points(group, points, frames):
         else:
             topology["Offsets"] = np.zeros(1, "<i8")
             topology["Connectivity"] = np.zeros(0, "<i8")
-
-
-def _three_columns(vectors):
-    """Return vectors (n, 2 or 3) as (n, 3): two columns are x and z."""
-    if vectors.shape[1] == 3:
-        return vectors
-    return np.insert(vectors, 1, 0.0, axis=1)
 
 
 class ProbeTable:

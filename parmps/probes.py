@@ -15,7 +15,7 @@ import numpy as np
 from parmps.kernels.walls import distances, hidden_from_column, wall_distance
 from parmps.kernels.weight import spline_weight
 from parmps.lattice import faces
-from parmps.tank import FLUID, WALL
+from parmps.particles import FLUID, WALL
 
 AT_WALL = 0.5  # in spacings; a pressure probe nearer to a wall than this measures the wall's pressure
 NODES = 4  # of the profile of a gauge, per spacing

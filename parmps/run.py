@@ -151,7 +151,7 @@ class Run:
 
         self.table = self._on_main(begin)
         self.frame = self.domain.share(self.frame if self.main else None)
-        self.particle_file = self._everywhere(lambda: ParticleFile.open(path))
+        self.particle_file = self._everywhere(lambda: ParticleFile(path))
 
     def _state(self):
         """What probes see: the rank's own particles."""

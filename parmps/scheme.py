@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from parmps.errors import InputError
-from parmps.fields import Number, Section, nearest, setting, show, validated
+from parmps.fields import Number, Section, nearest, setting, show
 
 PRESETS = {
     "papers": {
@@ -179,23 +179,3 @@ def expand_scheme(value):
             "scheme.preset", f"got {show(preset)}, no such preset{nearest(preset, list(PRESETS))}"
         )
     return {"preset": preset, **PRESETS[preset], **value}
-
-
-def resolve_scheme(value):
-    """Build the numerical settings from a preset name or a mapping.
-
-    Parameters
-    ----------
-    value : str, dict or Scheme
-        As in :func:`expand_scheme`.
-
-    Returns
-    -------
-    Scheme
-
-    Raises
-    ------
-    InputError
-        Unknown preset or setting (with the nearest valid name), or a value outside its range.
-    """
-    return validated(Scheme, expand_scheme(value), prefix=("scheme",))

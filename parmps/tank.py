@@ -13,9 +13,7 @@ from parmps.errors import InputError
 from parmps.kernels.walls import distances
 from parmps.lattice import ROUNDING, Geometry, build_geometry, distance_to_box
 from parmps.packing import BAND, CLEARANCE, REACH, pack, pack_around
-
-FLUID, WALL, DUMMY = 0, 1, 2
-"""Kinds of particles."""
+from parmps.particles import DUMMY, FLUID, WALL
 
 FLUID_CLEARANCE = 0.75  # least distance of the liquid from a baffle, in spacings, where walls are on the wall line
 FITS = 0.1  # a cell of which a baffle leaves less, or takes less, is none or whole

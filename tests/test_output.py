@@ -37,7 +37,7 @@ def rows_of(frame, start=0, stop=POINTS):
 
 
 def write_frames(path, first, last, delay=0.0):
-    with contextlib.closing(ParticleFile.open(path)) as file:
+    with contextlib.closing(ParticleFile(path)) as file:
         for frame in range(first, last):
             for start in range(0, POINTS, POINTS // 5):
                 file.write(frame, start, rows_of(frame, start, start + POINTS // 5))
@@ -80,7 +80,7 @@ def test_a_new_file_has_no_frames_and_holds_the_job(particles):
 
 
 def test_frames_appear_only_when_committed(particles):
-    with contextlib.closing(ParticleFile.open(particles)) as file:
+    with contextlib.closing(ParticleFile(particles)) as file:
         file.write(0, 0, rows_of(0))
         assert file.frames == check_frames(particles) == 0
         file.commit(0, 0.0)
@@ -89,7 +89,7 @@ def test_frames_appear_only_when_committed(particles):
 
 def test_frames_out_of_order_or_beyond_the_end_are_refused(particles):
     write_frames(particles, 0, 6)
-    with contextlib.closing(ParticleFile.open(particles)) as file:
+    with contextlib.closing(ParticleFile(particles)) as file:
         for frame in (5, 6):
             with pytest.raises(ValueError, match="is not the next"):
                 file.write(frame, 0, rows_of(frame))
@@ -121,21 +121,10 @@ def test_vtk_reads_every_step_array_and_value(particles):
             assert np.array_equal(vtk_to_numpy(data.GetPointData().GetArray(name)), expected[name]), name
 
 
-def test_two_columns_are_x_and_z(particles):
-    rows = rows_of(0)
-    rows["position"] = rows["position"][:, [0, 2]]
-    rows["velocity"] = rows["velocity"][:, [0, 2]]
-    with contextlib.closing(ParticleFile.open(particles)) as file:
-        file.write(0, 0, rows)
-    with h5py.File(particles) as file:
-        assert np.array_equal(file["VTKHDF/Points"][:POINTS, [0, 2]], rows["position"])
-        assert not file["VTKHDF/Points"][:POINTS, 1].any()
-
-
 def write_share(path, barrier, index, count):
     bounds = np.linspace(0, POINTS, count + 1).astype(int)
     start, stop = int(bounds[index]), int(bounds[index + 1])
-    with contextlib.closing(ParticleFile.open(path)) as file:
+    with contextlib.closing(ParticleFile(path)) as file:
         for frame in range(6):
             file.write(frame, start, rows_of(frame, start, stop))
             barrier.wait(20)
@@ -204,14 +193,14 @@ def test_what_is_no_particle_file_is_refused(tmp_path, content):
     if content is not None:
         path.write_bytes(content)
     with pytest.raises(OutputError, match="particles.vtkhdf"):
-        ParticleFile.open(path)
+        ParticleFile(path)
 
 
 def test_another_hdf5_file_is_refused(tmp_path):
     path = tmp_path / "particles.vtkhdf"
     h5py.File(path, "w").close()
     with pytest.raises(OutputError, match="cannot be used"):
-        ParticleFile.open(path)
+        ParticleFile(path)
 
 
 def test_a_failed_creation_leaves_the_earlier_file(particles, monkeypatch):

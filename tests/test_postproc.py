@@ -69,7 +69,7 @@ def write_particles(directory, width=1):
         job = JOB.format(dimension=3, size=size, centre="[0.4, 0.0, 0.0]", at="[0.0, 0.0, 0.05]")
     n = len(position)
     ParticleFile.create(directory / "particles.vtkhdf", n, 3, {"job": job})
-    with contextlib.closing(ParticleFile.open(directory / "particles.vtkhdf")) as file:
+    with contextlib.closing(ParticleFile(directory / "particles.vtkhdf")) as file:
         for frame in range(3):
             velocity = np.zeros_like(position)
             velocity[:, 0] = position[:, -1]

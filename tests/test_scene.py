@@ -13,7 +13,7 @@ from parmps.fields import Section, models_in
 from parmps.loader import job_text, parse_job
 from parmps.scene import Job
 from parmps.schema import json_schema, schema_markdown, schema_rows, schema_table
-from parmps.scheme import PRESETS, Scheme, resolve_scheme
+from parmps.scheme import PRESETS, Scheme
 
 BASE_2D = {
     "dimension": 2,
@@ -335,15 +335,17 @@ def test_sensible_jobs_give_no_warning():
 
 
 def test_presets():
+    def scheme_of(value):
+        return build({"scheme": value}).scheme
+
     for name, changes in PRESETS.items():
-        assert resolve_scheme(name) == Scheme(preset=name, **changes)
-    assert resolve_scheme({"preset": "papers", "gradient": "min"}).gradient == "min"
-    assert resolve_scheme({"preset": "papers", "gradient": "min"}).wall == "line"
-    scheme = resolve_scheme("papers")
-    assert resolve_scheme(scheme) is scheme
-    assert resolve_scheme(scheme.model_dump()) == scheme
+        assert scheme_of(name) == Scheme(preset=name, **changes)
+    assert scheme_of({"preset": "papers", "gradient": "min"}).gradient == "min"
+    assert scheme_of({"preset": "papers", "gradient": "min"}).wall == "line"
+    scheme = scheme_of("papers")
+    assert scheme_of(scheme.model_dump()) == scheme
     with pytest.raises(InputError, match="scheme.ksp_rtoll: unknown key; did you mean 'ksp_rtol'"):
-        resolve_scheme({"ksp_rtoll": 1e-3})
+        scheme_of({"ksp_rtoll": 1e-3})
 
 
 def all_sections(model):

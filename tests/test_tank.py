@@ -321,7 +321,7 @@ def test_state_from_a_result(tmp_path):
         "surface": np.zeros(n, np.int8),
     }
     ParticleFile.create(tmp_path / "particles.vtkhdf", n, 3, {})
-    file = ParticleFile.open(tmp_path / "particles.vtkhdf")
+    file = ParticleFile(tmp_path / "particles.vtkhdf")
     for frame in range(2):
         file.write(frame, 0, arrays | {"velocity": arrays["velocity"] * (frame + 1)})
         file.commit(frame, float(frame))

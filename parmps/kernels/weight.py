@@ -77,8 +77,6 @@ class Lattice(NamedTuple):
         Number of particles within reach.
     asymmetry : float
         Magnitude |F|0 of the asymmetry vector of a particle in a flat surface ([002] eq. 13).
-    surface_density : float
-        Number density of a particle in a flat surface, over n0.
     lean : float
         Magnitude of sum W r / r^2 over the neighbours of a particle in a flat surface.
     smooth_density : float
@@ -91,7 +89,6 @@ class Lattice(NamedTuple):
     lam: float
     neighbours: int
     asymmetry: float
-    surface_density: float
     lean: float
     smooth_density: float
     row_density: float
@@ -125,7 +122,6 @@ def lattice(dimension, reach):
         lam=(w * distance**2).sum() / w.sum(),
         neighbours=len(w),
         asymmetry=dimension / w.sum() * np.linalg.norm((w[below, None] * unit).sum(axis=0)),
-        surface_density=w[below].sum() / w.sum(),
         lean=np.linalg.norm((w[below, None] * unit / distance[below, None]).sum(axis=0)),
         smooth_density=1.0 + sum(smooth_weight.py_func(r, reach) for r in distance),
         row_density=sum(spline_weight.py_func(r, reach) for r in (0.0, *distance[points[:, -1] == 0.0])),
