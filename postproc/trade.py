@@ -6,15 +6,17 @@ Reads what jobs/validation/trade.py wrote. Writes beside it TRADE.png, the point
 front, and TRADE.md: the presets' place among all settings by the rule below, what it costs to be faster, the price
 of 5 % of amplitude error, and all points.
 
-The rule. At the middle spacing every setting has an error and a cost relative to those of `balanced`; their geometric
-means over the scenes are one point a setting. On the Pareto front of these points
+The rule. At the middle spacing every setting has an error and a cost relative to those of `balanced`; errors below
+0.1 % count as 0.1 %, since no use of a run tells them apart. The geometric means over the scenes are one point a
+setting. On the Pareto front of these points
 
 - `fast` is the cheapest whose error is at most 1.5 times that of `balanced`;
 - `accurate` is the one of least error that costs at most twice as much as `balanced`;
 - `balanced` is the one of least error times cost between them.
 
 Courant numbers above 0.6 are left out: a tank that starts to roll with a jolt then gains 3 % of energy, more than the
-2 % that `make extremes` allows. Times being no better than 5 %, a preset within 5 % of what the rule would choose
+2 % that `make extremes` allows. The means of the costs of settings that take the same steps differ by up to 1.2, and
+those of errors that differ by nothing but rounding by 1.05: a preset that is as near to what the rule would choose
 stays.
 """
 
@@ -42,9 +44,13 @@ MOST_COURANT = 0.6
 """Greatest Courant number of a preset."""
 AMPLITUDE = 5.0
 """Error of the amplitude of which the price is told, %."""
+FAR = 100.0
+"""Times the rows of the finest run, beyond which nothing is extrapolated."""
 FASTER = (2.0, 5.0, 20.0)
-SAME = 1.05
-"""How much better than a preset another setting must be to take its place: times are no better."""
+SAME_COST, SAME_ERROR = 1.2, 1.05
+"""How much better than a preset another setting must be to take its place: what is measured is no better."""
+LEAST = 0.1
+"""%; smaller errors count as this."""
 
 
 class Point(NamedTuple):
@@ -141,7 +147,10 @@ def means(points):
     out = []
     for setting in common:
         ratios = [
-            (found[setting].error / found["balanced"].error, found[setting].cost / found["balanced"].cost)
+            (
+                max(found[setting].error, LEAST) / max(found["balanced"].error, LEAST),
+                found[setting].cost / found["balanced"].cost,
+            )
             for found in base.values()
         ]
         error, cost = (math.prod(values) ** (1.0 / len(ratios)) for values in zip(*ratios, strict=True))
@@ -153,15 +162,16 @@ def chosen(found):
     """What the rule makes of the settings: preset to the setting that it should be."""
     front = pareto(found)
 
-    def best(preset, allowed, value):
+    def best(preset, allowed, value, same):
         own = next((m for m in found if m.setting == preset), None)
         first = min(allowed, key=value)
-        return own if own and value(own) <= SAME * value(first) else first
+        return own if own and value(own) <= same * value(first) else first
 
-    fast = best("fast", [m for m in front if m.error <= MOST_ERROR], lambda m: m.cost)
-    accurate = best("accurate", [m for m in front if m.cost <= MOST_COST], lambda m: m.error)
+    fast = best("fast", [m for m in front if m.error <= MOST_ERROR], lambda m: m.cost, SAME_COST)
+    accurate = best("accurate", [m for m in front if m.cost <= MOST_COST], lambda m: m.error, SAME_ERROR)
     between = [m for m in front if fast.cost < m.cost < accurate.cost] or [fast]
-    return {"fast": fast, "balanced": best("balanced", between, lambda m: m.error * m.cost), "accurate": accurate}
+    balanced = best("balanced", between, lambda m: m.error * m.cost, SAME_COST)
+    return {"fast": fast, "balanced": balanced, "accurate": accurate}
 
 
 def allowed_courant(setting):
@@ -246,7 +256,7 @@ def price(points):
     Returns
     -------
     float
-        CPU-seconds; infinite where refinement does not help.
+        CPU-seconds; infinite where refinement does not help, or too little.
     str
         How it was found.
     """
@@ -268,6 +278,11 @@ def price(points):
         return math.inf, f"not reached, nor approached by refinement: {measured}"
     spacing = (-math.log(1.0 - AMPLITUDE / 100.0) / rate_at_1) ** (1.0 / rate)
     rows = points[0].rows * points[0].spacing / spacing
+    if rows > FAR * points[-1].rows:
+        return math.inf, (
+            f"not reached, nor within {FAR:g} times the rows: {measured}, the loss's rate falling with the spacing to "
+            f"the power {rate:.2f}"
+        )
     return cost_at_1 * spacing**cost, (
         f"extrapolated to {rows:.0f} rows from {measured}, the loss's rate falling with the spacing to the power "
         f"{rate:.2f} and the cost growing with {-cost:.1f}"
@@ -308,7 +323,7 @@ def table_lines(points, failed):
 
 
 def draw(points):
-    """One panel a scene: presets over spacings, single settings, and the front.
+    """One panel a scene: presets over spacings, single settings, and the front; from 0.1 times `LEAST` on.
 
     Parameters
     ----------
@@ -344,9 +359,10 @@ def draw(points):
         panel.set_xlabel("CPU time [s]")
         panel.set_ylabel("Error [%]")
         for axis in (panel.xaxis, panel.yaxis):
-            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=20))
             axis.set_major_formatter("{x:g}")
             axis.set_minor_formatter(NullFormatter())
+        panel.set_ylim(bottom=max(panel.get_ylim()[0], 0.1 * LEAST))
         panel.grid(alpha=0.3)
     for panel in panels[len(scenes) :]:
         panel.axis("off")

@@ -93,11 +93,11 @@ GAUGES = ", ".join(f"{{name: eta{n}, kind: elevation, at: [{0.125 + 0.25 * n}, 0
 SCENES = {
     "standing wave": Scene(
         "standing_wave", "", ("output.probes_every=0.06",), 0.5,
-        (0.0625, 0.04, 0.02, 0.01), (0.04, 0.02828), 0.02, wave_errors,
+        (0.0625, 0.04, 0.02, 0.01), (0.04, 0.02828, 0.02), 0.02, wave_errors,
     ),
     "resonant sloshing": Scene(
         "faltinsen", "", ("time.end=5", "output.probes_every=0.05"), 0.6,
-        (0.06, 0.04, 0.02, 0.01), (0.06, 0.04), 0.02, sloshing_errors,
+        (0.06, 0.04, 0.02, 0.01), (0.06, 0.04, 0.02), 0.02, sloshing_errors,
     ),
     "dam-break front": Scene(
         "dam_break_front", "", (), 0.292, (0.0146, 0.0073, 0.00365), (0.0146,), 0.0073, front_errors,
