@@ -9,7 +9,7 @@ from results import rms
 from parmps.waves import layers_of
 
 TITLE = "Small roll of three layers"
-SPACINGS = (0.02, 0.01)
+SPACINGS = (0.02, 0.01, 0.005)
 NAMES = ("WD", "CW", "surface")
 TARGETS = {f"{name}{way} [%]": 5.0 for way in (" at the wall", " by centres") for name in NAMES}
 
