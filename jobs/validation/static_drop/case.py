@@ -4,28 +4,42 @@ import numpy as np
 
 TITLE = "Static drop"
 SPACINGS = (0.02,)
-BALL = [
-    "dimension=3",
-    "spacing=0.05",
-    "tank={size: [1.0, 1.0, 1.0]}",
-    "fluids=[{name: drop, region: {ball: {centre: [0.5, 0.5, 0.5], radius: 0.3}}, kinematic_viscosity: 0.001},"
-    " {name: bath, depth: 1.0, kinematic_viscosity: 0.001}]",
-    "time.end=4",
-]
 FREE = "kinematic_viscosity: 0.001, surface_tension: 1.0}]"
-VARIANTS = {
-    "2D": [],
-    "2D, density 1000 : 1": ["fluids[1].density=1"],
-    "3D, 6 spacings": BALL,
+
+
+def ball(spacings):
+    """A ball of so many spacings in radius in a bath."""
+    return [
+        "dimension=3",
+        f"spacing={0.3 / spacings:g}",
+        "tank={size: [1.0, 1.0, 1.0]}",
+        "fluids=[{name: drop, region: {ball: {centre: [0.5, 0.5, 0.5], radius: 0.3}}, kinematic_viscosity: 0.001},"
+        " {name: bath, depth: 1.0, kinematic_viscosity: 0.001}]",
+        "time.end=16",
+    ]
+
+
+def free_ball(spacings):
+    """The same in empty space."""
+    return [
+        *ball(spacings), "tank={size: [1.4, 1.4, 1.4]}", "interfaces=[]",
+        f"fluids=[{{name: drop, region: {{ball: {{centre: [0.7, 0.7, 0.7], radius: 0.3}}}}, {FREE}",
+    ]  # fmt: skip
+
+
+FREE_VARIANTS = {
     "2D, free surface": [
         "interfaces=[]", f"fluids=[{{name: drop, region: {{disc: {{centre: [0.5, 0.5], radius: 0.25}}}}, {FREE}",
     ],
-    "3D, free surface, 6 spacings": [
-        *BALL[:2], "tank={size: [1.4, 1.4, 1.4]}", "interfaces=[]", "time.end=4",
-        f"fluids=[{{name: drop, region: {{ball: {{centre: [0.7, 0.7, 0.7], radius: 0.3}}}}, {FREE}",
-    ],
+    **{f"3D, free surface, {spacings} spacings": free_ball(spacings) for spacings in (6, 8, 10)},
 }  # fmt: skip
-NOT_IN_PAPERS = ("2D, free surface", "3D, free surface, 6 spacings")
+VARIANTS = {
+    "2D": [],
+    "2D, density 1000 : 1": ["fluids[1].density=1"],
+    **{f"3D, {spacings} spacings": ball(spacings) for spacings in (6, 10)},
+    **FREE_VARIANTS,
+}
+NOT_IN_PAPERS = tuple(FREE_VARIANTS)
 TARGETS = {"jump [%]": 2.0, "capillary number [1e-3]": 1.0}
 
 
