@@ -36,14 +36,24 @@ def peaks(time, pressure, period):
     return time[found], pressure[found]
 
 
+def resolved(results):
+    """Pressure of the sensor as far as its course is resolved, Pa: means over the time of a spacing at sqrt(g h)."""
+    job = results.job
+    duration = job.spacing / np.sqrt(job.gravity * job.fluids[0].depth)
+    share = max(int(round(duration / (results.time[1] - results.time[0]))), 1)
+    return np.convolve(results.probe("sensor"), np.full(share, 1.0 / share), "same")
+
+
 def measure(results):
     """Peaks in standard deviations of the repetitions from their means, and the time between impacts."""
     variant = "water" if results.job.fluids[0].density > 950.0 else "oil"
     record = RECORD[variant]
     period = 2.0 * np.pi / results.job.motion[0].omega
-    time, height = peaks(results.time, results.probe("sensor"), period)
-    deviation = (height - record.mean(axis=0)[: len(height)]) / record.std(axis=0)[: len(height)]
-    found = {f"peak {n} [std]": value for n, value in enumerate(deviation, 1)}
+    found = {}
+    for name, pressure in (("resolved", resolved(results)), ("peak", results.probe("sensor"))):
+        time, height = peaks(results.time, pressure, period)
+        deviation = (height - record.mean(axis=0)[: len(height)]) / record.std(axis=0)[: len(height)]
+        found |= {f"{name} {n} [std]": value for n, value in enumerate(deviation, 1)}
     found |= {f"peak {n} [kPa]": 1e-3 * value for n, value in enumerate(height, 1)}
     found["period [%]"] = 100.0 * (np.diff(time).mean() / period - 1.0)
     found["volume [%]"] = 100.0 * results.record["volume_drift"]
@@ -51,13 +61,14 @@ def measure(results):
 
 
 def plot(figure, runs):
-    """Pressure, with mean and two standard deviations of the peaks."""
+    """Pressure as it is and as far as it is resolved, with mean and two standard deviations of the peaks."""
     panels = figure.subplots(len(VARIANTS), 1)
     for panel, variant in zip(panels, VARIANTS, strict=True):
         mine = {key: results for key, results in runs.items() if key[0] == variant}
         for (_, preset, spacing), results in mine.items():
             label = f"{preset}, {1e3 * spacing:g} mm"
-            panel.plot(results.time, 1e-3 * results.probe("sensor"), linewidth=0.7, label=label)
+            lines = panel.plot(results.time, 1e-3 * resolved(results), linewidth=1.2, label=f"{label}, resolved")
+            panel.plot(results.time, 1e-3 * results.probe("sensor"), linewidth=0.4, color=lines[0].get_color())
         if mine:
             results = next(iter(mine.values()))
             when, _ = peaks(results.time, results.probe("sensor"), 2.0 * np.pi / results.job.motion[0].omega)
