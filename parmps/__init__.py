@@ -1,3 +1,3 @@
 """parmps: violent sloshing by the Moving Particle Semi-implicit method, in parallel."""
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"

@@ -54,15 +54,18 @@ class Schedule:
         return min(self._multiple(number), self.end)
 
     def _multiple(self, number):
-        """A multiple of the interval, rounded so that 6 x 0.1 s and 120 x 0.005 s are the same instant."""
-        return float(f"{number * self.every:.12g}")
+        """A multiple of the interval, rounded so that 6 x 0.1 s, 120 x 0.005 s and an end of 0.6 s are one instant."""
+        time, end = float(f"{number * self.every:.12g}"), float(f"{self.end:.12g}")
+        return self.end if time == end else time
 
     def count(self, time):
         """Number of times due from a time, in s, to the end, both included."""
-        number = math.floor(time / self.every)
+        number, last = math.floor(time / self.every), math.floor(self.end / self.every) - 1
         while self._multiple(number) < time:
             number += 1
-        return max(math.ceil(self.end / self.every * (1.0 - 1e-12)) - number, 0) + 1
+        while self._multiple(last) < self.end:
+            last += 1
+        return max(last - number, 0) + 1
 
 
 class Run:

@@ -49,6 +49,8 @@ WAVE_STEP = 0.1
 
 With the papers' gradient, pressures scatter by several heads from step to step and throw particles by
 dt^2 P / (rho l0): with 0.2, most runs of the main job end in 0.1 s."""
+DIVERGENCE_FADING = 0.1
+"""How fast the time in which divergence is removed falls to a step that became short, over that step."""
 VISCOUS_STEP = 0.2
 """Bound of the step by explicit viscosity: dt <= 0.2 l0^2 / nu."""
 IMPLICIT_GAIN = 1.5
@@ -60,6 +62,7 @@ PROJECTIONS = 10
 COUNTERS = (
     "time",
     "step_number",
+    "divergence_time",
     "work_done",
     "initial_energy",
     "energy_scale",
@@ -115,6 +118,8 @@ class Work:
         Asymmetry that shifts its particles into the liquid where they are crowded, 0 or less.
     surface_links : None or Links
         Of its particles.
+    impulse : None or (count, 3) float64
+        Change of the velocity by contacts, m/s; None where the step is not hurried.
     """
 
     def __init__(self, centres, rows, count, stages):
@@ -129,7 +134,7 @@ class Work:
         self.near = np.zeros(count, np.int8)
         self.nearest = np.empty(rows if "wall liquids" in stages else 0, np.int32)
         self.support = np.ones(count) if "support" in stages else None
-        self.weak = np.empty(0, np.int32)
+        self.weak, self.impulse = np.empty(0, np.int32), None
         self.bend = np.zeros(count) if "curvature" in stages else None
         self.near_interface = Near(rows, count) if "interfaces" in stages else None
         smooth = "density smoothing" in stages
@@ -162,6 +167,10 @@ class Simulation:
         Time step in the units that shifting and damping refer to: u dt / l0 with the greatest speed u,
         sqrt(f / l0 + c / (4 l0^3)) dt with the body force f and the capillary rate c of `Liquids`, and the latter plus
         a fifth of the former.
+    divergence_time : float
+        Time in which the divergence that the past steps left is removed, s: the step, unless it is short for the sake
+        of an output. What flow makes of its divergence in a step is the source of its dynamic pressure; all of it
+        removed in a shorter step is that much more pressure.
     implicit : bool
         Whether the viscous step is implicit, so that it does not bound the time step.
     suction : float
@@ -212,7 +221,7 @@ class Simulation:
         self.particles = Particles(arrays)
         self.time, self.step_number, self.dt = 0.0, 0, 0.0
         self.frame = self.motion.at(0.0)
-        self.force = self.courant = self.grid_number = self.activity = 0.0
+        self.force = self.courant = self.grid_number = self.activity = self.divergence_time = 0.0
         self.implicit = False
         self.suction = math.inf
         self.contacts = self.put_back = 0
@@ -327,7 +336,7 @@ class Simulation:
             if self.kinetic_energy() > energy:
                 p.velocity[: p.liquid] = velocity
                 break
-        p.acceleration[:] = 0.0
+        p.acceleration[:], self.divergence_time = 0.0, 0.0
         self.frame = self.motion.at(0.0)
         self.contacts = 0
         self.initial_energy = self.kinetic_energy()
@@ -483,6 +492,7 @@ class Simulation:
         steps = max(math.ceil(left / min(bounds) * (1.0 - 1e-9)), 1)
         self.dt = left / steps
         self._end_of_step = until if steps == 1 else self.time + self.dt
+        self.divergence_time = max(self.dt, min(*bounds, self.divergence_time))
         self.courant = speed * self.dt / self.l0
         capillary = self.liquids.capillary_rate * CAPILLARY_SHARE / self.l0**3
         self.grid_number = math.sqrt(force / self.l0 + capillary) * self.dt
@@ -520,6 +530,7 @@ class Simulation:
         self._run(self.plan.move)
         self.time = self._end_of_step
         self.step_number += 1
+        self.divergence_time -= DIVERGENCE_FADING * self.dt
         self.iterations += self.solver.iterations
         self.iterations_max = max(self.iterations_max, self.solver.iterations)
         self.step_min, self.step_max = min(self.step_min, self.dt), max(self.step_max, self.dt)
@@ -543,6 +554,11 @@ class Simulation:
             start = clock.perf_counter()
             stage.run(self)
             self.seconds[stage.name] = self.seconds.get(stage.name, 0.0) + clock.perf_counter() - start
+
+    @property
+    def hurried(self):
+        """Whether the step is shorter than the time in which the divergence of the past ones is removed."""
+        return self.dt < self.divergence_time
 
     # States
 

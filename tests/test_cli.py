@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from parmps import checkpoint, cli
+from parmps.run import Schedule
 
 ROOT = Path(__file__).parents[1]
 ENVIRONMENT = {
@@ -206,6 +207,26 @@ def test_schema_and_help(tmp_path, here):
     assert done.returncode == 0 and "spacing" in done.stdout
     done = here(tmp_path, "--help")
     assert done.returncode == 0 and "exit status" in done.stdout
+
+
+def test_an_end_that_is_a_multiple_but_for_rounding_has_one_frame(job, tmp_path):
+    """5 x 0.013663391496202944 s, rounded to 12 digits, is 1e-14 s before the end."""
+    every, end = "output.particles_every=0.013663391496202944", "time.end=0.06831695748101471"
+    done = parmps(tmp_path, job, "--set", every, "--set", end)
+    assert done.returncode == 0, done.stderr
+    with h5py.File(tmp_path / "out" / "particles.vtkhdf") as file:
+        assert len(file["VTKHDF/Steps/Values"]) == 6
+
+
+@pytest.mark.parametrize("start", [0.0, 0.37])
+def test_a_schedule_counts_what_will_be_due(start):
+    rng = np.random.default_rng(3)
+    for every in rng.uniform(0.01, 0.1, 200):
+        for end in (every * 7, every * rng.uniform(5, 50)):
+            schedule, time, due = Schedule(every, end), start, 0
+            while time < end:
+                due, time = due + schedule.due(time), schedule.after(time)
+            assert schedule.count(start) == due + 1
 
 
 def test_restart_continues_bit_by_bit(job, tmp_path):

@@ -111,9 +111,10 @@ time: {end: 0.5, cfl: 0.4}
 
 
 class Case(NamedTuple):
-    """One run: a job, what is changed in it, the numbers of ranks, and from when on the volume is judged, s.
+    """One run: a job, what is changed in it, the numbers of ranks, from when on the volume is judged, and outputs.
 
-    Particles at random positions have no volume before they are even.
+    Particles at random positions have no volume before they are even. ``outputs`` is the interval of outputs, s, with
+    a second one each time a step of 1e-9 s later.
     """
 
     name: str
@@ -121,6 +122,7 @@ class Case(NamedTuple):
     changes: tuple = ()
     ranks: tuple = (1,)
     settled: float = 0.0
+    outputs: float | None = None
 
 
 def scaled(length):
@@ -291,6 +293,16 @@ def cases():
         Case("3D, baffle of one particle", BOX, (
             "tank.baffles=[{x: 0.15, bottom: 0.0, top: 0.08, thickness: 0.001}]",
         ), both),
+        Case("outputs 1e-9 s apart", TANK, (), both, outputs=0.01),
+        Case("outputs 1e-9 s apart, roll of 90 degrees", TANK, (
+            "motion=[{kind: roll, amplitude_deg: 90, omega: 6.0}]", "time.end=2",
+        ), outputs=0.03),
+        Case("outputs 1e-9 s apart, column that collapses", STILL, (column, "time.end=0.6"), outputs=0.01),
+        Case("outputs 1e-9 s apart, full tank", TANK, ("fluids[0].depth=0.3",), outputs=0.01),
+        Case("outputs 1e-9 s apart, surface under tension", TANK, ("fluids[0].surface_tension=1",), outputs=0.01),
+        Case("outputs 1e-9 s apart, viscosity 0.1", TANK, ("fluids[0].kinematic_viscosity=0.1",), outputs=0.01),
+        Case("outputs 1e-9 s apart, preset papers", TANK, ("scheme=papers", "time.end=0.3"), outputs=0.01),
+        Case("outputs 1e-9 s apart, 3D pitch", BOX, (), both, outputs=0.01),
         Case("more ranks than particles", TANK, (
             "spacing=0.05", "fluids=[{name: water, region: {box: [[0, 0], [0.2, 0.1]]}}]", "time.end=0.2",
         ), many),
@@ -347,6 +359,10 @@ def layered_cases():
           for what, top in (("at", 0.1), ("a row below", 0.09), ("half a row above", 0.105))],
         *[Case(f"preset papers, gradient {g}", light, ("scheme.preset=papers", f"scheme.gradient={g}"))
           for g in ("sum", "min")],
+        *[Case(f"outputs 1e-9 s apart, density ratio {r:g}", LAYERS % (1000 / r), outputs=0.01) for r in (1.25, 1000)],
+        Case("outputs 1e-9 s apart, density ratio 10, inverted, full tank", LAYERS % 1000, (
+            "fluids[0].density=100", *full,
+        ), both, outputs=0.01),
         Case("shaken and settled, ratio 1.25", light, settling, both),
         Case("shaken and settled, ratio 1000", LAYERS % 1, settling),
     ]  # fmt: skip
@@ -376,25 +392,28 @@ def attempt(case, directory):
     except InputError as error:
         return "refused", str(error)
     try:
-        return judge(sim, case.settled)
+        return judge(sim, case.settled, case.outputs)
     except DivergedError as error:
         return "failed", str(error)
     finally:
         sim.close()
 
 
-def judge(sim, settled):
+def judge(sim, settled, outputs):
     """March to the end, and look at what must not happen."""
     end, worst, fault = sim.job.time.end, {"energy": -math.inf, "volume": 0.0, "beyond": 0.0}, None
     shortest, most = math.inf, STEPS.get(sim.domain.size, FEWEST)
     allowed = sim.job.courant * sim.l0 / max(supplied_speed(sim), 1e-300)
-    start = None
+    start, times = None, output_times(end, outputs)
+    until = next(times)
     while sim.time < end and sim.step_number < most and fault is None:
-        sim.step(end)
+        sim.step(until)
         start = start or (surface_energy(sim), volume(sim) if settled == 0.0 else 0.0)
         last = sim.time >= end or sim.step_number >= most
-        if sim.time < end:  # the last step ends where the job does
+        if sim.time < until:  # a step to an output may be short
             shortest = min(shortest, sim.dt / allowed)
+        else:
+            until = next(times, end)
         if last or sim.step_number % LOOK_EVERY == 0:
             fault = look(sim, worst, sim.time >= settled, *start)
     if fault is None and shortest < SHORTEST:
@@ -407,6 +426,15 @@ def judge(sim, settled):
         strayed = sim.fraction[: sim.particles.liquid] < 0.5
         figures += f", strayed {sim.domain.sum(float(np.count_nonzero(strayed))) / sim.totals['fluid']:.1%} at the end"
     return ("survived", figures) if fault is None else ("failed", f"{fault} at {sim.time:.3g} s; {figures}")
+
+
+def output_times(end, every):
+    """Times that steps reach exactly, s: before the end, pairs of outputs 1e-9 s apart."""
+    if every is not None:
+        for at in np.arange(every, end - 0.5 * every, every):
+            yield float(at)
+            yield float(at) + 1e-9
+    yield end
 
 
 def surface_energy(sim):
