@@ -486,7 +486,7 @@ class Simulation:
             bounds.append(bound)
         if "viscosity" in self.seconds:
             explicit = VISCOUS_STEP * self.l0**2 / self.liquids.viscous_rate
-            self.implicit = min(*bounds, left) > IMPLICIT_GAIN * explicit
+            self.implicit = min(*bounds, max(left, self.divergence_time)) > IMPLICIT_GAIN * explicit
             if not self.implicit:
                 bounds.append(explicit)
         steps = max(math.ceil(left / min(bounds) * (1.0 - 1e-9)), 1)

@@ -122,6 +122,13 @@ def make_plan(job, ranks):
     halo = when(ranks > 1, "halo", f"particles of {ranks} ranks see each other", refresh_halo, "one rank")
     search = [Stage("neighbours", "every operator sums over neighbours", find_neighbours)]
     viscosity = when(viscous, "viscosity", why, add_viscosity, why)
+    strain = when(
+        viscous and not job.full,
+        "strain",
+        "a free surface bears no viscous stress",
+        measure_strain,
+        "the tank is full" if viscous else why,
+    )
     one = "all liquids have one density" if liquids.several else "one liquid"
     label = f"walls have the density of the one of {len(job.fluids)} liquids next to them"
     contact = when(
@@ -248,6 +255,7 @@ def make_plan(job, ranks):
             *above,
             *volume,
             Stage("body force", "gravity and the tank's motion, balanced in the pressure equation", predict),
+            *strain,
             *viscosity,
             *contact,
             Stage("divergence", "source of the pressure equation", measure_divergence),
@@ -466,23 +474,52 @@ def add_body_force_to_liquid(sim):
     w.force[:] = 0.0  # the divergence of v* has it
 
 
+def measure_strain(sim):
+    """Velocity gradient of the liquid, with no slip at the walls."""
+    p, w = sim.particles, sim.work
+    flow = p.velocity.copy()
+    _reflect(sim, True, flow)
+    velocity.velocity_gradient(
+        p.position,
+        flow,
+        *sim.pairs.wet,
+        sim.strength,
+        w.inverse[: p.liquid],
+        sim.lattice.density,
+        sim.dimension,
+        p.liquid,
+        w.gradient,
+    )
+    sim.domain.exchange(w.gradient)
+
+
 def add_viscosity(sim):
-    """Add the viscous change of velocity: explicit, or implicit where the explicit one needs shorter steps."""
+    """Add the viscous change of velocity: explicit, or implicit where the explicit one needs shorter steps.
+
+    The implicit one solves for the change by all forces of the step. With the stress that vanishes at a free surface,
+    its matrix has twice the Laplacian, since that stress takes up to twice the energy that the Laplacian takes, and
+    none from liquid that turns as a whole: the first then decays at steps of any length, and the second goes on.
+    """
     p, w, lat = sim.particles, sim.work, sim.lattice
     operator = (*sim.pairs.wet, sim.strength, sim.l0, lat.density, lat.lam, sim.dimension)
-    walls = (p.kind, p.normal, p.depth)
-    table = sim.liquids.viscosity
+    walls, table = (p.kind, p.normal, p.depth), sim.liquids.viscosity
+    change, dt = w.intermediate, sim.dt
+    if sim.implicit:
+        dt = sim.divergence_time
+        change = (w.intermediate[: p.rows] - p.velocity[: p.rows]) * (dt / sim.dt)
+    onto = (p.liquid, change, sim.fluid)
+    viscosity.add_viscosity(p.position, p.velocity, *walls, table, *operator, dt, *onto)
+    stress = "strain" in sim.seconds
+    if stress:
+        viscosity.add_transpose(p.position, p.kind, w.gradient, table, *operator, dt, *onto)
     if not sim.implicit:
-        viscosity.add_viscosity(
-            p.position, p.velocity, *walls, table, *operator, sim.dt, p.liquid, w.intermediate, sim.fluid
-        )
         return
     blocks, rho = sim.blocks(), sim.liquids.density / sim.liquids.reference
-    viscosity.viscosity_rows(
-        p.position, *walls, table, rho, sim.column, *operator, sim.dt, *blocks.arrays, sim.fluid
-    )
+    operator = (*operator, 2.0 * dt if stress else dt)
+    viscosity.viscosity_rows(p.position, *walls, table, rho, sim.column, *operator, *blocks.arrays, sim.fluid)
     axes = (0, 1, 2) if sim.dimension == 3 else (0, 2)
-    sim.velocity_solver.solve(blocks, rho[p.fluid[: p.rows]], w.intermediate[: p.rows], axes)
+    sim.velocity_solver.solve(blocks, rho[p.fluid[: p.rows]], change, axes)
+    w.intermediate[: p.liquid] = p.velocity[: p.liquid] + change[: p.liquid] * (sim.dt / dt)
 
 
 def add_contacts(sim):
@@ -533,20 +570,7 @@ def measure_divergence(sim):
         over = w.density[: p.rows] / sim.lattice.density
         w.source[: p.rows] = (1.0 - s.gamma) * trace / sim.dt - s.gamma * (over - 1.0) / sim.dt**2
         return
-    velocity.reflect_at_walls(
-        p.position,
-        p.velocity,
-        p.kind,
-        p.normal,
-        p.depth,
-        *sim.pairs.wet,
-        sim.strength,
-        sim.l0,
-        p.liquid,
-        p.rows,
-        w.intermediate,
-    )
-    sim.domain.exchange(w.intermediate)
+    _reflect(sim, False, w.intermediate)
     inverse = w.inverse[: p.liquid]
     if sim.hurried:
         intermediate, past = w.intermediate, p.velocity if w.impulse is None else p.velocity + w.impulse
@@ -572,6 +596,26 @@ def measure_divergence(sim):
     share = min(s.separation * (sim.grid_number + sim.courant), 0.2)
     trace = trace - share * np.clip(over - s.overdensity, 0.0, MOST_OVERDENSITY) / sim.dt
     w.source[: p.liquid] = trace / sim.divergence_time + added / sim.dt
+
+
+def _reflect(sim, sticks, flow):
+    """Give wall particles, in ``flow``, the liquid's velocity reflected at the walls, and all of it to the halo."""
+    p = sim.particles
+    velocity.reflect_at_walls(
+        p.position,
+        p.velocity,
+        p.kind,
+        p.normal,
+        p.depth,
+        *sim.pairs.wet,
+        sim.strength,
+        sim.l0,
+        p.liquid,
+        p.rows,
+        sticks,
+        flow,
+    )
+    sim.domain.exchange(flow)
 
 
 def flow_divergence(sim, inverse):

@@ -609,6 +609,48 @@ def test_viscosity(dimension, noise):
 
 @pytest.mark.parametrize("liquids", [1, 2])
 @on_all
+def test_transposed_velocity_gradient(dimension, noise, liquids):
+    c = make_case(dimension, noise)
+    n, dt, slope = c.p.liquid, 2e-3, c.rng.normal(size=(len(c.p), 9))
+    if dimension == 2:
+        slope[:, [1, 3, 4, 5, 7]] = 0.0
+    nu = harmonic(np.array([1.0, 1e-2])[:liquids])
+    fluid = np.arange(len(c.p)) % 2 if liquids == 2 else np.zeros(len(c.p), int)
+    out = np.zeros_like(c.vector)
+    viscosity.add_transpose(
+        c.p.position, c.p.kind, slope, nu, *c.wet, c.l0, c.lat.density, c.lat.lam, dimension, dt, n, out,
+        fluid.astype(np.int8) if liquids == 2 else None,
+    )  # fmt: skip
+    g, wall = slope.reshape(-1, 3, 3), c.p.kind == WALL
+    weight = np.where(c.p.kind == 2, 0.0, c.w)[:n]
+    weight = weight * np.where(wall, nu[fluid[:n], fluid[:n]][:, None], nu[fluid[:n, None], fluid])
+    own = np.einsum("ijb,iba->ija", c.d[:n], g[:n])
+    its = np.where(wall[None, :, None], own, np.einsum("ijb,jba->ija", c.d[:n], g))
+    expected = np.einsum("ij,ija->ia", weight, 0.5 * (own + its)) * c.l0
+    expected *= dt * 2.0 * dimension / (c.lat.density * c.lat.lam * c.l0**2)
+    np.testing.assert_allclose(out[:n], expected, rtol=1e-6, atol=1e-9)
+    assert not out[n:].any()
+
+
+@on_all
+def test_liquid_that_turns_as_a_whole_bears_no_stress(dimension, noise):
+    c = make_case(dimension, noise)
+    n, spin = c.p.liquid, np.array([[0.0, 0.3, 0.5], [-0.3, 0.0, 0.2], [-0.5, -0.2, 0.0]])
+    if dimension == 2:
+        spin[1] = spin[:, 1] = 0.0
+    flow, slope = c.p.position @ spin.T, np.tile(spin.ravel(), (len(c.p), 1))
+    far = c.p.kind.copy()
+    far[far == WALL] = 0  # the walls turn with the liquid
+    operator = (np.full((1, 1), 1e-3), *c.wet, c.l0, c.lat.density, c.lat.lam, dimension, 1.0)
+    out = np.zeros_like(flow)
+    viscosity.add_viscosity(c.p.position, flow, far, c.p.normal, c.p.depth, *operator, n, out, None)
+    alone = np.abs(out).max()
+    viscosity.add_transpose(c.p.position, far, slope, *operator, n, out, None)
+    assert np.abs(out).max() < 1e-12 * alone
+
+
+@pytest.mark.parametrize("liquids", [1, 2])
+@on_all
 def test_implicit_viscosity_has_the_operator_of_the_explicit_one(dimension, noise, liquids):
     c = make_case(dimension, noise)
     rows, n, dt = c.rows, c.p.liquid, 2e-4
@@ -638,8 +680,9 @@ def test_implicit_viscosity_has_the_operator_of_the_explicit_one(dimension, nois
     np.testing.assert_allclose(matrix[:n, :n] @ c.vector[:n], after, rtol=1e-10, atol=1e-12)
 
 
+@pytest.mark.parametrize("sticks", [False, True])
 @on_all
-def test_reflection_at_walls(dimension, noise):
+def test_reflection_at_walls(dimension, noise, sticks):
     c = make_case(dimension, noise)
     out = c.vector.copy()
     velocity.reflect_at_walls(
@@ -652,6 +695,7 @@ def test_reflection_at_walls(dimension, noise):
         c.l0,
         c.p.liquid,
         c.rows,
+        sticks,
         out,
     )
     for i in range(c.p.liquid, c.rows):
@@ -664,7 +708,8 @@ def test_reflection_at_walls(dimension, noise):
         height = w @ (c.d[i] @ normal) / w.sum() - below
         ratio = min(below / max(height, 1e-3), 1.5)
         across = mean @ normal
-        np.testing.assert_allclose(out[i], mean - across * normal - ratio * across * normal, atol=1e-12)
+        expected = -ratio * mean if sticks else mean - across * normal - ratio * across * normal
+        np.testing.assert_allclose(out[i], expected, atol=1e-12)
 
 
 @on_all

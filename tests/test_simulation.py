@@ -512,11 +512,17 @@ def test_liquid_in_a_tank_that_starts_to_turn_has_the_flow_of_the_torsion_functi
     assert np.sqrt(error.mean() / (u**2 + w**2).mean()) < 0.01
 
 
-@pytest.mark.parametrize("scheme, error", [("balanced", 0.02), ("papers", 0.2)])
-def test_a_short_step_to_an_output_does_not_raise_the_pressure(start, scheme, error):
-    """The divergence that long steps left, removed in a step a million times shorter, made 7e5 Pa in liquid at 5e3."""
+@pytest.mark.parametrize(
+    ("scheme", "viscosity", "error"), [("balanced", 1e-6, 0.02), ("papers", 1e-6, 0.2), ("balanced", 0.1, 0.02)]
+)
+def test_a_short_step_to_an_output_does_not_raise_the_pressure(start, scheme, viscosity, error):
+    """The divergence that long steps left, removed in a step a million times shorter, made 7e5 Pa in liquid at 5e3.
+
+    In syrup the stress of a velocity that implicit steps had left, taken explicitly, trebled the pressure.
+    """
     job = (
-        "dimension: 2\nspacing: 0.02\ntank: {size: [1.0, 0.7]}\nfluids: [{name: water, depth: 0.5}]\n"
+        "dimension: 2\nspacing: 0.02\ntank: {size: [1.0, 0.7]}\n"
+        f"fluids: [{{name: water, depth: 0.5, kinematic_viscosity: {viscosity}}}]\n"
         f"motion: [{{kind: surge, amplitude: 0.01, omega: 4.8}}]\ntime: {{end: 1.0}}\nscheme: {scheme}\n"
     )
     plain, broken = start(job), start(job)

@@ -174,3 +174,10 @@ def test_waves_in_a_tank_that_has_stopped_do_not_grow(measured):
 def test_viscous_flow_between_plates(measured):
     found = measured("spin_up", "spacing=0.005", "time.end=0.1", "output.particles_every=0.1")
     assert found["early [%]"] < 5.0
+
+
+def test_viscous_drop(measured):
+    """With the Laplacian alone, it decays half as fast."""
+    found = measured("viscous_drop", "spacing=0.01")
+    assert abs(found["decay [%]"]) < 6.0
+    assert abs(found["period [%]"]) < 2.5

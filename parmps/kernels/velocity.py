@@ -136,10 +136,12 @@ def ghost_ratio(depth, height, l0):
 
 
 @compiled
-def reflect_at_walls(position, velocity, kind, normal, depth, first, last, other, strength, l0, begin, end, out):
-    """Velocity of wall particles that makes the wall impermeable and frictionless.
+def reflect_at_walls(
+    position, velocity, kind, normal, depth, first, last, other, strength, l0, begin, end, sticks, out
+):
+    """Velocity of wall particles that makes the wall impermeable, and frictionless or without slip.
 
-    The liquid's velocity near the wall particle (weighted mean) with its normal component extrapolated
+    The liquid's velocity near the wall particle (weighted mean) with its normal component, or all of it, extrapolated
     linearly through zero at the wall's surface, so that a linear velocity field keeps its divergence.
 
     Parameters
@@ -157,6 +159,8 @@ def reflect_at_walls(position, velocity, kind, normal, depth, first, last, other
         Spacing, m.
     begin, end : int
         Range of the wall particles.
+    sticks : bool
+        Whether the liquid does not slip.
     out : (n, 3) float64, m/s
         Filled for the range.
     """
@@ -179,6 +183,9 @@ def reflect_at_walls(position, velocity, kind, normal, depth, first, last, other
         if total > 0.0:
             vx, vy, vz = vx / total, vy / total, vz / total
             ratio = ghost_ratio(depth[i], height / total - depth[i], l0)
+            if sticks:
+                out[i, 0], out[i, 1], out[i, 2] = -ratio * vx, -ratio * vy, -ratio * vz
+                continue
             back = (1.0 + ratio) * (vx * normal[i, 0] + vy * normal[i, 1] + vz * normal[i, 2])
             out[i, 0] = vx - back * normal[i, 0]
             out[i, 1] = vy - back * normal[i, 1]

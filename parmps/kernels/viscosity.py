@@ -94,6 +94,68 @@ def add_viscosity(
 
 
 @compiled
+def add_transpose(
+    position,
+    kind,
+    gradient,
+    viscosity,
+    first,
+    last,
+    other,
+    strength,
+    l0,
+    n0,
+    lam,
+    dimension,
+    dt,
+    rows,
+    out,
+    fluid,
+):
+    """Add dt div (nu (grad v)^T): with `add_viscosity` that is the divergence of the stress 2 nu e.
+
+    Each pair's v_j - v_i is completed by the transpose of its linear part, (G_i + G_j)^T (r_j - r_i) / 2, to twice the
+    strain along r_j - r_i. Inside the liquid the sum vanishes with the divergence. At a free surface it makes the
+    stress vanish instead of the normal derivative of the velocity (Colagrossi et al. 2011, Phys. Rev. E 84:026705),
+    and in liquid that turns as a whole it is the opposite of what `add_viscosity` adds, pair by pair.
+
+    Parameters
+    ----------
+    position, kind, viscosity, first, last, other, strength, l0, n0, lam, dimension, dt, rows, out, fluid
+        As in `add_viscosity`.
+    gradient : (n, 9) float64, 1/s
+        G, of the fluid particles, as made by `velocity_gradient`. Walls have that of the fluid particle.
+    """
+    scale = dt * dimension / (n0 * lam * l0 * l0)
+    own = 0
+    for i in range(rows):
+        x, y, z = position[i, 0], position[i, 1], position[i, 2]
+        sx = sy = sz = ax = ay = az = 0.0  # sums of nu W (r_j - r_i) and of nu W G_j^T (r_j - r_i)
+        if fluid is not None:
+            own = fluid[i]
+        alike = viscosity[own, own]
+        for k in range(first[i], last[i]):
+            j = other[k]
+            dx, dy, dz = position[j, 0] - x, position[j, 1] - y, position[j, 2] - z
+            w = strength[k] * (dx * dx + dy * dy + dz * dz)
+            if kind[j] != 0:
+                w *= 2.0 * alike
+                sx, sy, sz = sx + w * dx, sy + w * dy, sz + w * dz
+                continue
+            w *= viscosity[own, fluid[j]] if fluid is not None and fluid[j] != own else alike
+            sx, sy, sz = sx + w * dx, sy + w * dy, sz + w * dz
+            ax += w * (gradient[j, 0] * dx + gradient[j, 6] * dz)
+            az += w * (gradient[j, 2] * dx + gradient[j, 8] * dz)
+            if dimension == 3:
+                ax += w * gradient[j, 3] * dy
+                ay += w * (gradient[j, 1] * dx + gradient[j, 4] * dy + gradient[j, 7] * dz)
+                az += w * gradient[j, 5] * dy
+        out[i, 0] += scale * (ax + gradient[i, 0] * sx + gradient[i, 3] * sy + gradient[i, 6] * sz)
+        out[i, 1] += scale * (ay + gradient[i, 1] * sx + gradient[i, 4] * sy + gradient[i, 7] * sz)
+        out[i, 2] += scale * (az + gradient[i, 2] * sx + gradient[i, 5] * sy + gradient[i, 8] * sz)
+
+
+@compiled
 def viscosity_rows(
     position,
     kind,
