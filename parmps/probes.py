@@ -4,8 +4,8 @@ A probe turns the particles that one rank owns into sums, and the sums over all 
 all probes together need one reduction. The particles come as a state with these attributes, of owned
 particles only: ``position``, ``velocity``, ``normal`` (n, 3), ``pressure``, ``kind``, ``fluid``, ``surface``,
 ``depth`` (n,), and ``spacing`` (m), ``frame`` (the tank's, a `FrameState`) and ``density`` (kg/m3, one value or (n,));
-for a liquid also ``volume`` (m3), ``compression`` and ``fraction`` (n,), the share of the particle's own liquid in its
-neighbourhood.
+for a force also ``friction``, that of the liquid on wall particles, (n, 3) in N, in 2D N/m, or None; for a liquid also
+``volume`` (m3), ``compression`` and ``fraction`` (n,), the share of the particle's own liquid in its neighbourhood.
 """
 
 import math
@@ -496,7 +496,7 @@ class LiquidProbe:
 class ForceGauge:
     """Force of the liquid on the tank and on each baffle, and its moment about the tank's bottom centre.
 
-    The pressure at the wall times the wall's area; friction is left out.
+    The pressure at the wall times the wall's area, and friction where viscosity acts.
 
     Parameters
     ----------
@@ -518,10 +518,15 @@ class ForceGauge:
 
     def partial(self, state):
         """Sum force and moment on the tank and each baffle: (columns,) float64."""
-        wall = np.flatnonzero((state.kind == WALL) & (state.pressure != 0.0))
+        loaded = state.pressure != 0.0
+        if state.friction is not None:
+            loaded |= state.friction.any(axis=1)
+        wall = np.flatnonzero((state.kind == WALL) & loaded)
         pressure, surface = surface_pressure(state, wall)
         owner, area = faces(self.geometry, state.position[wall], state.normal[wall], state.depth[wall])
         force = pressure[:, None] * area
+        if state.friction is not None:
+            force += state.friction[wall]
         both = np.concatenate([force, np.cross(surface - self.centre, force)], axis=1)
         count = len(self.geometry.solids) + 1
         return np.stack([np.bincount(owner, both[:, a], count) for a in self.used], axis=1).ravel()

@@ -26,6 +26,7 @@ from parmps.pressure import petsc_version
 from parmps.probes import build_probes
 from parmps.report import Compilation, RunLog, advice, command_line, timer_table
 from parmps.simulation import COUNTERS, SUMMED, Simulation
+from parmps.stages import wall_friction
 
 
 class Schedule:
@@ -95,6 +96,7 @@ class Run:
         self.main = domain.rank == 0
         self.simulation = Simulation(job, domain)
         self.probes = build_probes(job, self.simulation.geometry)
+        self.loads = any(probe.kind == "force" for probe in job.probes)
         if restart is not None:
             self._read_checkpoint(Path(restart) / "checkpoint.h5")
         in_place = restart is not None and self.directory.resolve() == Path(restart).resolve()
@@ -169,6 +171,7 @@ class Run:
             density=s.liquids.density[p.fluid[own]],
             volume=(s.particle_mass / s.liquids.density)[p.fluid[own]],
             fraction=s.fraction[own],
+            friction=wall_friction(s) if self.loads else None,
         )
 
     def _sample(self):

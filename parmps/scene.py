@@ -345,7 +345,9 @@ class ForceProbe(Kind):
     """Force and moment of the liquid on the tank and on each baffle."""
 
     name: Name = setting("column name in probes.csv")
-    kind: Literal["force"] = setting("force and moment on the tank and on each baffle")
+    kind: Literal["force"] = setting(
+        "force and moment on the tank and on each baffle, by pressure and, where viscosity acts, by friction"
+    )
 
 
 Probe = _union(PressureProbe, ElevationProbe, InterfaceProbe, LiquidProbe, ForceProbe)

@@ -522,6 +522,28 @@ def add_viscosity(sim):
     w.intermediate[: p.liquid] = p.velocity[: p.liquid] + change[: p.liquid] * (sim.dt / dt)
 
 
+def wall_friction(sim):
+    """Viscous force of the liquid on the rank's own wall particles.
+
+    Parameters
+    ----------
+    sim : Simulation
+
+    Returns
+    -------
+    None or (owned, 3) float64, N, in 2D N/m
+        None where viscosity does not act.
+    """
+    if "viscosity" not in sim.seconds:
+        return None
+    p, lat = sim.particles, sim.lattice
+    force, share = np.zeros((p.owned, 3)), sim.particle_mass * sim.liquids.viscosity.diagonal()
+    operator = (*sim.pairs.wet, sim.strength, sim.l0, lat.density, lat.lam, sim.dimension)
+    flow = (p.position, p.velocity, p.kind, p.normal, p.depth)
+    viscosity.wall_friction(*flow, share, *operator, p.liquid, p.rows, p.fluid, force[p.liquid :])
+    return force
+
+
 def add_contacts(sim):
     """Stop particles that are about to overlap."""
     p, s, w = sim.particles, sim.scheme, sim.work

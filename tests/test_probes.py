@@ -47,11 +47,12 @@ def hydrostatic(p, depth, force=(0.0, 0.0, -G)):
         spacing=p.spacing,
         frame=upright(force),
         density=RHO,
+        friction=None,
     )
 
 
 def cut(state, part):
-    whole = {name: v for name, v in vars(state).items() if name in ("frame", "spacing", "density")}
+    whole = {name: v for name, v in vars(state).items() if name in ("frame", "spacing", "density", "friction")}
     return SimpleNamespace(**{name: v[part] for name, v in vars(state).items() if name not in whole}, **whole)
 
 

@@ -156,6 +156,60 @@ def add_transpose(
 
 
 @compiled
+def wall_friction(
+    position,
+    velocity,
+    kind,
+    normal,
+    depth,
+    viscosity,
+    first,
+    last,
+    other,
+    strength,
+    l0,
+    n0,
+    lam,
+    dimension,
+    begin,
+    end,
+    fluid,
+    out,
+):
+    """Viscous force of the liquid on wall particles: what `add_viscosity` takes from it at the walls.
+
+    Parameters
+    ----------
+    position, velocity, kind, normal, depth, first, last, other, strength, l0, n0, lam, dimension
+        As in `add_viscosity`.
+    viscosity : (liquids,) float64, kg m2/s
+        Kinematic, times the mass of a particle (in 2D a metre of it).
+    begin, end : int
+        Range of the wall particles.
+    fluid : (n,) int8
+        Number of each particle's liquid.
+    out : (end - begin, 3) float64, N, in 2D N/m
+        Filled.
+    """
+    scale = 2.0 * dimension / (n0 * lam * l0 * l0)
+    for j in range(begin, end):
+        fx = fy = fz = 0.0
+        for k in range(first[j], last[j]):
+            i = other[k]
+            if kind[i] != 0:
+                continue
+            dx = position[j, 0] - position[i, 0]
+            dy = position[j, 1] - position[i, 1]
+            dz = position[j, 2] - position[i, 2]
+            w = viscosity[fluid[i]] * strength[k] * (dx * dx + dy * dy + dz * dz)
+            w *= _reversed(dx, dy, dz, normal[j, 0], normal[j, 1], normal[j, 2], depth[j], l0)
+            fx += w * velocity[i, 0]
+            fy += w * velocity[i, 1]
+            fz += w * velocity[i, 2]
+        out[j - begin, 0], out[j - begin, 1], out[j - begin, 2] = scale * fx, scale * fy, scale * fz
+
+
+@compiled
 def viscosity_rows(
     position,
     kind,
