@@ -367,7 +367,8 @@ def read_motion_file(path, key="motion"):
     ----------
     path : str
         CSV file with one header row: ``time [s]`` and at least one of ``surge [m]``, ``sway [m]``,
-        ``heave [m]``, ``roll [deg]``, ``pitch [deg]``, ``yaw [deg]``, in any order.
+        ``heave [m]``, ``roll [deg]``, ``pitch [deg]``, ``yaw [deg]``, in any order. Blank lines and lines that
+        begin with ``#`` are passed over.
     key : str
         Key of the job file that names it, for messages.
 
@@ -407,7 +408,7 @@ def read_motion_file(path, key="motion"):
 
 
 def _read_lines(path, key):
-    """Yield line number and cells of each line that is not blank."""
+    """Yield line number and cells of each line that is neither blank nor a comment."""
     if not os.path.isfile(path):
         raise InputError(key, f"{path}: no such file")
     try:
@@ -422,7 +423,8 @@ def _read_lines(path, key):
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         raise InputError(key, f"{path}, line {line}: not UTF-8 text") from None
-    return ((number, line.split(",")) for number, line in enumerate(text.split("\n"), 1) if line.strip())
+    lines = enumerate(text.split("\n"), 1)
+    return ((number, line.split(",")) for number, line in lines if line.strip() and not line.lstrip().startswith("#"))
 
 
 def _check_header(names, where, key):

@@ -237,9 +237,10 @@ def test_bad_motion_files_are_refused(tmp_path, text, expected):
     assert "\n" not in str(refusal.value)
 
 
-def test_motion_file_in_any_order_with_blank_lines_and_windows_line_ends(tmp_path):
+def test_motion_file_in_any_order_with_comments_blank_lines_and_windows_line_ends(tmp_path):
     path = tmp_path / "motion.csv"
-    path.write_bytes(b"\xef\xbb\xbfroll [deg], time [s]\r\n1,0\r\n2,1\r\n\r\n3,2\r\n4,3\r\n\r\n")
+    text = b"\xef\xbb\xbf# run 3, 0.5 Hz\r\nroll [deg], time [s]\r\n1,0\r\n2,1\r\n\r\n # gap\r\n3,2\r\n4,3\r\n\r\n"
+    path.write_bytes(text)
     time, columns = read_motion_file(str(path))
     np.testing.assert_array_equal(time, [0, 1, 2, 3])
     np.testing.assert_array_equal(columns["roll"], [1, 2, 3, 4])
