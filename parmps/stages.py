@@ -117,17 +117,17 @@ def make_plan(job, ranks):
         left_out.append((name, otherwise))
         return []
 
-    viscous, why = viscosity_matters(job)
+    viscous, visible, why = viscosity_matters(job)
     liquids = Liquids(job)
     halo = when(ranks > 1, "halo", f"particles of {ranks} ranks see each other", refresh_halo, "one rank")
     search = [Stage("neighbours", "every operator sums over neighbours", find_neighbours)]
     viscosity = when(viscous, "viscosity", why, add_viscosity, why)
     strain = when(
-        viscous and not job.full,
+        visible and not job.full,
         "strain",
         "a free surface bears no viscous stress",
         measure_strain,
-        "the tank is full" if viscous else why,
+        "the tank is full" if job.full else why,
     )
     one = "all liquids have one density" if liquids.several else "one liquid"
     label = f"walls have the density of the one of {len(job.fluids)} liquids next to them"
@@ -279,14 +279,17 @@ def viscosity_matters(job):
     Returns
     -------
     bool
+    bool
+        Whether it changes it by more than the scheme's own errors, and what a free surface bears matters. Without the
+        stress that vanishes there, as in the papers, free waves decay half as fast, and liquid that turns is braked.
     str
         The reason, with numbers.
     """
     nu = Liquids(job).viscous_rate
     if nu == 0.0:
-        return False, "the viscosity is 0"
+        return False, False, "the viscosity is 0"
     if job.scheme.preset == "papers":
-        return True, "the papers' scheme has it"
+        return True, False, "the papers' scheme has it"
     length, depth = job.tank.length, min(job.tank.height, sum(depth or job.tank.height for depth in job.depths))
     k = math.pi / length
     rate = math.sqrt(job.gravity * k * math.tanh(k * depth)) if job.gravity > 0.0 else 1.0 / job.time.end
@@ -296,8 +299,8 @@ def viscosity_matters(job):
         f"boundary layers of {layer * 1e3:.2g} mm at a spacing of {job.spacing * 1e3:.2g} mm, "
         f"bulk damping {100 * damping:.2g} % over the run"
     )
-    needed = layer > 0.25 * job.spacing or damping > 1e-3
-    return needed, text
+    resolved = layer > 0.25 * job.spacing
+    return resolved or damping > 1e-3, resolved or damping > 1e-2, text
 
 
 # Geometry

@@ -27,6 +27,8 @@ TIMES = (10.0, 20.0, 30.0, 40.0, 50.0)
 HEIGHTS = ("surface", "CW", "WD")
 COLOURS = ("#2ca02c", "#1f77b4", "#d62728")
 """Of the liquids, the lowest first."""
+SHOWN = (-0.02, 0.78)
+"""Heights of the snapshots, m; single drops fly higher."""
 REPORTED = {
     "no_baffle": "CW 0.15 m late, surface 0.04 m",
     "baffle_075": "CW about 0.05 m",
@@ -56,6 +58,7 @@ def snapshots(runs, path):
                 panel.plot(at[number == fluid, 0], at[number == fluid, 2], ".", markersize=0.6, color=colour)
             panel.set_title(f"{RUNS[name]}, {frame.time:.3g} s", fontsize="small", loc="left")
             panel.set_aspect("equal")
+            panel.set_ylim(*SHOWN)
             panel.set_xticks([])
             panel.set_yticks([])
     figure.savefig(path, dpi=130)
