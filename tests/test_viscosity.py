@@ -40,14 +40,23 @@ def test_a_free_drop_goes_on_turning(start, dimension, spacing, viscosity, impli
     assert spin() == pytest.approx(before, rel=0.01)
 
 
-def test_full_tanks_have_the_laplacian_alone(start):
-    text = (
+@pytest.mark.parametrize(
+    ("depth", "viscosity", "scheme", "stages"),
+    [
+        (0.05, 1e-3, "balanced", {"viscosity", "strain"}),
+        (0.1, 1e-3, "balanced", {"viscosity"}),  # no surface
+        (0.05, 1e-6, "balanced", {"viscosity"}),  # takes 0.2 % of the first wave in the run
+        (0.05, 1e-7, "balanced", set()),
+        (0.05, 1e-3, "papers", {"viscosity"}),
+    ],
+)
+def test_stress_at_the_surface_is_modelled_where_viscosity_shows(start, depth, viscosity, scheme, stages):
+    job = start(
         "dimension: 2\nspacing: 0.01\ntank: {size: [0.1, 0.1]}\ntime: {end: 1.0}\n"
-        "fluids: [{name: oil, depth: %g, kinematic_viscosity: 1.0e-3}]\n"
-    )
-    for depth, needed in ((0.05, True), (0.1, False)):
-        plan = make_plan(start(text % depth).job, 1)
-        assert ("strain" in {stage.name for stage in plan.move + plan.solve}) == needed
+        f"fluids: [{{name: oil, depth: {depth}, kinematic_viscosity: {viscosity}}}]\nscheme: {scheme}\n"
+    ).job
+    plan = make_plan(job, 1)
+    assert {stage.name for stage in plan.move + plan.solve} & {"viscosity", "strain"} == stages
 
 
 @pytest.mark.parametrize("viscosity", [2e-3, 2e-2])
