@@ -280,8 +280,8 @@ def viscosity_matters(job):
     -------
     bool
     bool
-        Whether it changes it by more than the scheme's own errors, and what a free surface bears matters. Without the
-        stress that vanishes there, as in the papers, free waves decay half as fast, and liquid that turns is braked.
+        Whether by more than the scheme's own errors, so that a free surface must bear no stress. With the Laplacian
+        alone, as in the papers, free waves decay half as fast there, and liquid that turns is braked.
     str
         The reason, with numbers.
     """
