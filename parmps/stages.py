@@ -482,17 +482,7 @@ def measure_strain(sim):
     p, w = sim.particles, sim.work
     flow = p.velocity.copy()
     _reflect(sim, True, flow)
-    velocity.velocity_gradient(
-        p.position,
-        flow,
-        *sim.pairs.wet,
-        sim.strength,
-        w.inverse[: p.liquid],
-        sim.lattice.density,
-        sim.dimension,
-        p.liquid,
-        w.gradient,
-    )
+    _measure_gradient(sim, flow, w.inverse[: p.liquid])
     sim.domain.exchange(w.gradient)
 
 
@@ -503,8 +493,7 @@ def add_viscosity(sim):
     its matrix has twice the Laplacian, since that stress takes up to twice the energy that the Laplacian takes, and
     none from liquid that turns as a whole: the first then decays at steps of any length, and the second goes on.
     """
-    p, w, lat = sim.particles, sim.work, sim.lattice
-    operator = (*sim.pairs.wet, sim.strength, sim.l0, lat.density, lat.lam, sim.dimension)
+    p, w, operator = sim.particles, sim.work, _viscous_operator(sim)
     walls, table = (p.kind, p.normal, p.depth), sim.liquids.viscosity
     change, dt = w.intermediate, sim.dt
     if sim.implicit:
@@ -525,6 +514,12 @@ def add_viscosity(sim):
     w.intermediate[: p.liquid] = p.velocity[: p.liquid] + change[: p.liquid] * (sim.dt / dt)
 
 
+def _viscous_operator(sim):
+    """What all sums of viscosity are over: neighbours with their weights, and the constants of the Laplacian."""
+    lat = sim.lattice
+    return (*sim.pairs.wet, sim.strength, sim.l0, lat.density, lat.lam, sim.dimension)
+
+
 def wall_friction(sim):
     """Viscous force of the liquid on the rank's own wall particles.
 
@@ -539,11 +534,10 @@ def wall_friction(sim):
     """
     if "viscosity" not in sim.seconds:
         return None
-    p, lat = sim.particles, sim.lattice
+    p = sim.particles
     force, share = np.zeros((p.owned, 3)), sim.particle_mass * sim.liquids.viscosity.diagonal()
-    operator = (*sim.pairs.wet, sim.strength, sim.l0, lat.density, lat.lam, sim.dimension)
     flow = (p.position, p.velocity, p.kind, p.normal, p.depth)
-    viscosity.wall_friction(*flow, share, *operator, p.liquid, p.rows, p.fluid, force[p.liquid :])
+    viscosity.wall_friction(*flow, share, *_viscous_operator(sim), p.liquid, p.rows, p.fluid, force[p.liquid :])
     return force
 
 
@@ -643,6 +637,21 @@ def _reflect(sim, sticks, flow):
     sim.domain.exchange(flow)
 
 
+def _measure_gradient(sim, flow, inverse):
+    """Gradient of a velocity, into ``sim.work.gradient``, for as many rows as there are inverse moment matrices."""
+    velocity.velocity_gradient(
+        sim.particles.position,
+        flow,
+        *sim.pairs.wet,
+        sim.strength,
+        inverse,
+        sim.lattice.density,
+        sim.dimension,
+        len(inverse),
+        sim.work.gradient,
+    )
+
+
 def flow_divergence(sim, inverse):
     """Divergence of ``sim.work.intermediate``, whose gradient stays in ``sim.work.gradient``.
 
@@ -656,18 +665,8 @@ def flow_divergence(sim, inverse):
     -------
     (rows,) float64, 1/s
     """
-    p, w, rows = sim.particles, sim.work, len(inverse)
-    velocity.velocity_gradient(
-        p.position,
-        w.intermediate,
-        *sim.pairs.wet,
-        sim.strength,
-        inverse,
-        sim.lattice.density,
-        sim.dimension,
-        rows,
-        w.gradient,
-    )
+    w, rows = sim.work, len(inverse)
+    _measure_gradient(sim, w.intermediate, inverse)
     if w.support is not None:
         support.correct_flow(sim)
     divergence = w.gradient[:rows, 0] + w.gradient[:rows, 4] + w.gradient[:rows, 8]

@@ -21,6 +21,12 @@ def liquid(job):
     return "water" if job.fluids[0].density > 950.0 else "oil"
 
 
+def mean(time, pressure, duration):
+    """Moving mean over a duration in s."""
+    share = max(int(round(duration / (time[1] - time[0]))), 1)
+    return np.convolve(pressure, np.full(share, 1.0 / share), "same")
+
+
 def peaks(time, pressure, period):
     """Time and height of the highest pressure around each of the first four impacts.
 
@@ -38,8 +44,7 @@ def peaks(time, pressure, period):
     (4,) float64, s
     (4,) float64, Pa
     """
-    share = max(int(round(0.02 / (time[1] - time[0]))), 1)
-    smooth = np.convolve(pressure, np.full(share, 1.0 / share), "same")
+    smooth = mean(time, pressure, 0.02)
     first = int(np.argmax((smooth > 0.3 * smooth.max()) & (time > QUIET * period)))
     found = []
     for number in range(4):
@@ -54,8 +59,7 @@ def resolved(results):
     """Pressure of the sensor as far as its course is resolved, Pa: means over the time of a spacing at sqrt(g h)."""
     job = results.job
     duration = job.spacing / np.sqrt(job.gravity * job.fluids[0].depth)
-    share = max(int(round(duration / (results.time[1] - results.time[0]))), 1)
-    return np.convolve(results.probe("sensor"), np.full(share, 1.0 / share), "same")
+    return mean(results.time, results.probe("sensor"), duration)
 
 
 def measure(results):

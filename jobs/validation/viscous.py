@@ -1,4 +1,4 @@
-"""Small free waves of viscous liquid in a rectangular tank without slip, by finite elements."""
+"""Vibrations that viscosity damps: fits and pictures of them, and free waves in a tank by finite elements."""
 
 import numpy as np
 from scipy import sparse
@@ -6,6 +6,49 @@ from scipy.sparse import linalg
 
 GRADING = 2.8
 """Elements follow tanh of this at their ends: without, the contact line converges slowly."""
+
+
+def swing(time, amplitude, decay, frequency, phase, mean=0.0):
+    """A vibration that decays, about a mean."""
+    return amplitude * np.exp(-decay * time) * np.sin(frequency * time + phase) + mean
+
+
+def errors(s, fitted):
+    """Errors of decay and period of a fitted `swing`, %, against exp(s t)."""
+    return {
+        "decay [%]": 100.0 * (fitted[1] / -s.real - 1.0),
+        "period [%]": 100.0 * (s.imag / fitted[2] - 1.0),
+    }
+
+
+def plot(figure, runs, variants, signal, reference, labels):
+    """Draw the signals of runs by variant, and their references.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    runs : dict of (variant, preset, spacing) to Results
+    variants : iterable of str
+    signal : callable
+        Of a run: (frames,) float64.
+    reference : callable
+        Of the finest run of a variant and times.
+    labels : tuple of str
+        Of the references and of the axis of the signals.
+    """
+    panels = dict(zip(variants, figure.subplots(1, len(variants), sharey=True), strict=True))
+    for (variant, preset, spacing), results in runs.items():
+        panels[variant].plot(results.frames, signal(results), label=f"{preset}, {1e3 * spacing:g} mm")
+    for variant, panel in panels.items():
+        mine = [results for (name, *_), results in runs.items() if name == variant]
+        if mine:
+            t = np.linspace(0.0, mine[-1].frames[-1], 300)
+            panel.plot(t, reference(mine[-1], t), "k--", linewidth=0.8, label=labels[0])
+        panel.set_title(variant, fontsize="medium")
+        panel.set_xlabel("Time [s]")
+        panel.grid(alpha=0.3)
+    panel.legend(fontsize="small", loc="upper right")
+    next(iter(panels.values())).set_ylabel(labels[1])
 
 
 def viscous_wave(length, depth, gravity, viscosity, elements=(24, 16)):

@@ -1,6 +1,7 @@
 """Decay and period of a free drop's second mode against the exact linear theory of viscous liquid."""
 
 import numpy as np
+import viscous
 from scipy.optimize import curve_fit, root
 from scipy.special import iv
 
@@ -101,40 +102,26 @@ def full_stretch(job):
     return STRETCH * job.fluids[0].region.disc.radius ** 2
 
 
-def swing(time, amplitude, decay, frequency, phase, mean):
-    """A vibration that decays; `mean` is what the lattice leaves of the drop's roundness."""
-    return amplitude * np.exp(-decay * time) * np.sin(frequency * time + phase) + mean
-
-
 def fit(results):
-    """Parameters of `swing` in a run."""
+    """Parameters of `swing` in a run; the mean is what the lattice leaves of the drop's roundness."""
     signal, (s, _) = stretch(results), theory(results.job)
-    return curve_fit(swing, results.frames, signal, [signal.max(), -s.real, s.imag, 0.0, 0.0])[0]
+    return curve_fit(viscous.swing, results.frames, signal, [signal.max(), -s.real, s.imag, 0.0, 0.0])[0]
 
 
 def measure(results):
     """Errors of decay and period."""
-    s, found = theory(results.job)[0], fit(results)
-    return {
-        "decay [%]": 100.0 * (found[1] / -s.real - 1.0),
-        "period [%]": 100.0 * (s.imag / found[2] - 1.0),
-        "amplitude [%]": 100.0 * (found[0] / full_stretch(results.job) - 1.0),
-    }
+    found = fit(results)
+    amplitude = 100.0 * (found[0] / full_stretch(results.job) - 1.0)
+    return viscous.errors(theory(results.job)[0], found) | {"amplitude [%]": amplitude}
 
 
 def plot(figure, runs):
     """Stretch over time, and theory."""
-    panels = dict(zip(VARIANTS, figure.subplots(1, len(VARIANTS), sharey=True), strict=True))
-    for (variant, preset, spacing), results in runs.items():
-        scaled = stretch(results) / full_stretch(results.job)
-        panels[variant].plot(results.frames, scaled, label=f"{preset}, {1e3 * spacing:g} mm")
-    for variant, panel in panels.items():
-        mine = [results for (name, *_), results in runs.items() if name == variant]
-        if mine:
-            s, t = theory(mine[-1].job)[0], np.linspace(0.0, mine[-1].frames[-1], 300)
-            panel.plot(t, np.exp(s * t).imag, "k--", linewidth=0.8, label="theory")
-        panel.set_title(variant, fontsize="medium")
-        panel.set_xlabel("Time [s]")
-        panel.grid(alpha=0.3)
-    panel.legend(fontsize="small", loc="upper right")
-    next(iter(panels.values())).set_ylabel("Stretch over its amplitude without decay")
+
+    def scaled(results):
+        return stretch(results) / full_stretch(results.job)
+
+    def exact(results, time):
+        return np.exp(theory(results.job)[0] * time).imag
+
+    viscous.plot(figure, runs, VARIANTS, scaled, exact, ("theory", "Stretch over its amplitude without decay"))
