@@ -234,7 +234,7 @@ def test_a_case_that_is_killed_says_by_what(tmp_path):
         ("tank.size[0]", "m"),
         ("time.cfl", ""),
         ("scheme.preset", ""),
-        ("scheme.volume_time", "s"),
+        ("scheme.volume_time", "sqrt(L / f)"),
         ("nowhere", ""),
     ],
 )
