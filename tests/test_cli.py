@@ -161,10 +161,10 @@ def test_a_good_run_writes_all_results(job, tmp_path, ranks):
         "probes.csv", "particles.vtkhdf", "checkpoint.h5", "run.json", "run.log",
     }  # fmt: skip
     names, rows = read_table(out / "probes.csv")
-    assert names[:3] == ["time [s]", "P1 [Pa]", "eta [m]"]
+    assert names[:4] == ["time [s]", "P1 [Pa]", "P1.max [Pa]", "eta [m]"]
     np.testing.assert_allclose(rows[:, 0], np.arange(11) * 0.01, atol=1e-12)
     assert np.all(np.isfinite(rows))
-    np.testing.assert_allclose(rows[:, 2], 0.15, atol=0.03)
+    np.testing.assert_allclose(rows[:, 3], 0.15, atol=0.03)
     record = json.loads((out / "run.json").read_text())
     expected = {
         "status", "ranks", "steps", "simulated_seconds", "wall_seconds", "particles", "particles_lost",
