@@ -387,9 +387,10 @@ def _check_column(job, at, key):
         heights = np.linspace(low, high, COLUMN_POINTS)
         line = np.column_stack([np.tile(at, (COLUMN_POINTS, 1)), heights])[:, -hull.dimension :]
         inside = heights[hull.distance(line)[0] >= -hull.rounding]
-        if not len(inside):
-            raise InputError(key, f"got {list(at)} m, where the tank's {job.tank.shape} is at no height")
-        low, high = inside[0], inside[-1]
+        low, high = (inside[0], inside[-1]) if len(inside) else (0.0, 0.0)
+        if high - low < job.spacing:
+            room = f"{high - low:.3g} m high, less than the spacing of {job.spacing:g} m"
+            raise InputError(key, f"got {list(at)} m, where the tank's {job.tank.shape} is {room}")
     ends = {low, high}
     for baffle in job.tank.baffles:
         half = baffle.thickness / 2

@@ -13,7 +13,6 @@ from parmps.errors import InputError
 from parmps.kernels.loads import linear_sums, liquid_sums, wall_fields
 from parmps.kernels.walls import wall_distance
 from parmps.lattice import faces
-from parmps.motion import FrameState
 
 AT_WALL = 0.5  # in spacings; a pressure probe nearer to a wall than this measures the wall's pressure
 FLATNESS = 0.1  # in spacings; the wall that a pressure probe measures is that even, but for its curvature
@@ -41,6 +40,40 @@ class WallLayer(NamedTuple):
         return self.position + self.depth[:, None] * self.normal
 
 
+class Steps(NamedTuple):
+    """The tank's frame in many steps.
+
+    Attributes
+    ----------
+    force : (steps, 3) float64, m/s2
+        Body force at the tank's origin.
+    turn : None or (steps, 3, 3) float64, 1/s2
+        What the body force at x is less by: x times this; None where the tank does not turn.
+    rotation : (steps, 3, 3) float64
+        Takes tank-frame components to earth-frame components.
+    """
+
+    force: np.ndarray
+    turn: np.ndarray | None
+    rotation: np.ndarray
+
+    @classmethod
+    def of(cls, frames):
+        """Gather those of single steps, a list of FrameState."""
+        force, omega, alpha, rotation = (
+            np.array([getattr(frame, name) for frame in frames]) for name in ("force", "omega", "alpha", "rotation")
+        )
+        turn = None
+        if omega.any() or alpha.any():
+            axes = np.eye(3)
+            turn = np.cross(alpha[:, None], axes) + np.cross(omega[:, None], np.cross(omega[:, None], axes))
+        return cls(force, turn, rotation)
+
+    def force_at(self, at):
+        """Body force at a point of the tank, (3,) float64 in m: (steps, 3) float64, m/s2."""
+        return self.force if self.turn is None else self.force - at @ self.turn
+
+
 class Loads:
     """Loads on this rank, all by one product of a matrix and the fields on its walls.
 
@@ -50,12 +83,22 @@ class Loads:
         Objects with ``columns``, ``sums`` (how many), ``on_wall`` and ``values(sums, frames)``; those on walls have
         ``nearest`` and ``forms``, the others ``partial``.
     domain : Domain
+    viscous : bool
+        Whether the liquid's friction on the walls is measured: it acts, and a load has it.
+
+    Attributes
+    ----------
+    friction : bool
+        That, where there is such a load.
     """
 
-    def __init__(self, loads, domain):
+    def __init__(self, loads, domain, viscous=True):
         self.loads, self.domain = loads, domain
         self.count = sum(load.sums for load in loads)
-        self.friction = any(isinstance(load, ForceLoad) for load in loads)
+        self.friction = viscous and any(isinstance(load, ForceLoad) for load in loads)
+        # as `sums` has them: walls first
+        self._order = sorted(loads, key=lambda load: not load.on_wall)
+        self._ends = np.cumsum([load.sums for load in self._order])
         self._particles, self._settled = None, False
 
     def bind(self, particles):
@@ -82,6 +125,8 @@ class Loads:
         self._fields = np.zeros((FRICTION + 3, len(layer.depth)))
         self._fields[ONE] = 1.0
         forms = [form for load in on_wall for form in load.forms(layer)]
+        if not self.friction:
+            forms = [[part for part in form if part[0] < FRICTION] for form in forms]
         self._start = np.cumsum([0, *(sum(len(index) for _, index, _ in form) for form in forms)])
         parts = [part for form in forms for part in form]
         place = [field * len(layer.depth) + index for field, index, _ in parts]
@@ -100,7 +145,7 @@ class Loads:
         frame : FrameState
             Of the tank.
         friction : None or (k, 3) float64, N, in 2D N/m
-            Of the liquid on the wall particles; None where there is none.
+            Of the liquid on the wall particles; None where it is not measured.
 
         Returns
         -------
@@ -112,7 +157,8 @@ class Loads:
         part, fields = slice(p.liquid, p.rows), self._fields
         motion = (frame.force, frame.alpha, frame.omega)
         wall_fields(p.pressure[part], density[p.fluid[part]], self._surface, self._step, *motion, fields[:ONE])
-        fields[FRICTION:] = 0.0 if friction is None else friction.T
+        if friction is not None:
+            fields[FRICTION:] = friction.T
         sums = np.empty(self.count)
         of_walls = sums[: len(self._start) - 1]
         linear_sums(self._start, self._place, self._weight, fields.ravel(), of_walls)
@@ -137,30 +183,10 @@ class Loads:
         (steps, signals) float64
             In the order of the loads.
         """
-        frames = FrameState(*(np.stack(parts) for parts in zip(*frames, strict=True)))
-        order = sorted(self.loads, key=lambda load: not load.on_wall)  # as `sums` has them
-        parts = np.split(sums, np.cumsum([load.sums for load in order])[:-1], axis=1)
-        found = {load: load.values(part, frames) for load, part in zip(order, parts, strict=True)}
+        frames = Steps.of(frames)
+        parts = [sums[:, end - load.sums : end] for load, end in zip(self._order, self._ends, strict=True)]
+        found = {load: load.values(part, frames) for load, part in zip(self._order, parts, strict=True)}
         return np.concatenate([found[load] for load in self.loads], axis=1)
-
-
-def body_force(frames, at):
-    """Body force at a point of the tank in many steps.
-
-    Parameters
-    ----------
-    frames : FrameState
-        Of arrays with one row a step.
-    at : (3,) float64, m
-
-    Returns
-    -------
-    (steps, 3) float64, m/s2
-    """
-    force, omega = frames.force, frames.omega
-    if not (omega.any() or frames.alpha.any()):
-        return force
-    return force - np.cross(frames.alpha, at) - np.cross(omega, np.cross(omega, at))
 
 
 def pressure_columns(name, where):
@@ -250,9 +276,9 @@ class WallPressure:
 
     def values(self, sums, frames):
         """Pressure, Pa: (steps, 1) float64; 0 where there is no liquid."""
-        weight, wet, pressure = sums[:, :3].T
-        correction = -np.sum(sums[:, 3:] * body_force(frames, self.at), axis=1)
-        return np.where(wet > 0.0, (pressure + correction * wet / weight) / weight, 0.0)[:, None]
+        weight, wet, pressure = sums[:, :1], sums[:, 1:2], sums[:, 2:3]
+        correction = -np.sum(sums[:, 3:] * frames.force_at(self.at), axis=1, keepdims=True)
+        return (wet > 0.0) * (pressure + correction * wet / weight) / weight
 
 
 class LiquidPressure:
@@ -278,7 +304,7 @@ class LiquidPressure:
 
     def values(self, sums, frames):
         """Pressure, Pa: (steps, 1) float64; 0 where there is no liquid."""
-        correction = -np.sum(sums[:, 2:] * body_force(frames, self.at), axis=1)
+        correction = -np.sum(sums[:, 2:] * frames.force_at(self.at), axis=1)
         return ((sums[:, 1] + correction) / np.where(sums[:, 0] > 0.0, sums[:, 0], 1.0))[:, None]
 
 
@@ -371,10 +397,12 @@ class ForceLoad:
 
     def values(self, sums, frames):
         """Force (N, in 2D N/m) and moment (N m, in 2D N): (steps, signals) float64."""
-        parts = np.zeros((len(sums), self.bodies, 6))
-        parts[:, :, self.used] = sums.reshape(len(sums), self.bodies, -1)
+        parts = sums.reshape(len(sums), self.bodies, -1)
         parts = np.concatenate([parts.sum(axis=1, keepdims=True), parts], axis=1)
         if self.earth:
-            vectors = parts.reshape(len(sums), -1, 2, 3)
-            parts = np.einsum("sij,sbvj->sbvi", frames.rotation, vectors).reshape(parts.shape)
-        return parts[:, :, self.used].reshape(len(sums), -1)
+            vectors = np.zeros((*parts.shape[:2], 6))
+            vectors[:, :, self.used] = parts
+            vectors = vectors.reshape(*parts.shape[:2], 2, 3)
+            turned = np.einsum("sij,sbvj->sbvi", frames.rotation, vectors)
+            parts = turned.reshape(*parts.shape[:2], 6)[:, :, self.used]
+        return parts.reshape(len(sums), -1)

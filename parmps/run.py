@@ -103,7 +103,8 @@ class Run:
         self.frames = Schedule(out.particles_every, end)
         self.saves = Schedule(out.checkpoint_every, end)
         probes = build_probes(job, self.simulation.geometry)
-        self.samples = Samples(probes, domain, self.simulation.particles, self.schedule)
+        viscous = "viscosity" in self.simulation.seconds
+        self.samples = Samples(probes, domain, self.simulation.particles, self.schedule, viscous)
         if restart is not None:
             self._read_checkpoint(Path(restart) / "checkpoint.h5")
         in_place = restart is not None and self.directory.resolve() == Path(restart).resolve()

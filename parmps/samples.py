@@ -60,6 +60,8 @@ class Samples:
     particles : Particles
     schedule : object
         ``after(time)`` gives the time of the next sample, s.
+    viscous : bool
+        Whether friction acts on walls.
 
     Raises
     ------
@@ -67,10 +69,10 @@ class Samples:
         On all ranks: no particle measures a probe.
     """
 
-    def __init__(self, probes, domain, particles, schedule):
+    def __init__(self, probes, domain, particles, schedule, viscous):
         self.probes, self.domain, self.schedule = probes, domain, schedule
         self.gauges = [probe for probe in probes if hasattr(probe, "value")]
-        self.loads = Loads([probe for probe in probes if not hasattr(probe, "value")], domain)
+        self.loads = Loads([probe for probe in probes if not hasattr(probe, "value")], domain, viscous)
         self.loads.bind(particles)
         self.signals = sum(load.signals for load in self.loads.loads)
         self.pending, self.sampled = None, None

@@ -63,7 +63,8 @@ def cut(state, part):
 def sorted_by_kind(state):
     """Particles as a rank has them: fluid, then walls, then dummies."""
     order = np.argsort(state.kind, kind="stable")
-    arrays = {name: getattr(state, name)[order] for name in ("position", "normal", "depth", "pressure", "kind", "fluid")}
+    names = "position", "normal", "depth", "pressure", "kind", "fluid"
+    arrays = {name: getattr(state, name)[order] for name in names}
     liquid = np.count_nonzero(state.kind == FLUID)
     return SimpleNamespace(**arrays, liquid=liquid, rows=liquid + np.count_nonzero(state.kind == WALL))
 
