@@ -25,7 +25,7 @@ import numpy as np
 from parmps.errors import InputError, OutputError
 from parmps.slabs import create_dataset, output_errors, sync_directory, write_at
 
-FORMAT_VERSION = 3
+FORMAT_VERSION = 4
 """Raised whenever a file of the earlier layout could not be continued."""
 
 FREE_KEYS = ("time.end", "output")

@@ -17,6 +17,7 @@ from numba.core.event import install_listener
 
 import parmps
 from parmps import checkpoint
+from parmps.cautions import cautions
 from parmps.errors import DivergedError, OutputError, StoppedError
 from parmps.interrupt import Interrupt, reason
 from parmps.loader import job_text
@@ -25,6 +26,7 @@ from parmps.particles import FIELDS, FLUID
 from parmps.pressure import petsc_version
 from parmps.probes import build_probes
 from parmps.report import Compilation, RunLog, advice, command_line, timer_table
+from parmps.samples import Samples
 from parmps.simulation import COUNTERS, SUMMED, Simulation
 from parmps.stages import wall_friction
 
@@ -94,23 +96,25 @@ class Run:
         self.job, self.domain, self.interrupt = job, domain, interrupt or Interrupt()
         self.directory = Path(directory)
         self.main = domain.rank == 0
+        self.warnings = cautions(job) if self.main else []
         self.simulation = Simulation(job, domain)
-        self.probes = build_probes(job, self.simulation.geometry)
-        self.loads = any(probe.kind == "force" for probe in job.probes)
+        end, out = job.time.end, job.output
+        self.schedule = Schedule(out.probes_every, end)
+        self.frames = Schedule(out.particles_every, end)
+        self.saves = Schedule(out.checkpoint_every, end)
+        probes = build_probes(job, self.simulation.geometry)
+        viscous = "viscosity" in self.simulation.seconds
+        self.samples = Samples(probes, domain, self.simulation.particles, self.schedule, viscous)
         if restart is not None:
             self._read_checkpoint(Path(restart) / "checkpoint.h5")
         in_place = restart is not None and self.directory.resolve() == Path(restart).resolve()
         self._on_main(lambda: prepare_directory(self.directory, in_place))
         self.log = self._on_main(lambda: RunLog(self.directory / "run.log", _watched()))
-        end, out = job.time.end, job.output
-        self.samples = Schedule(out.probes_every, end)
-        self.frames = Schedule(out.particles_every, end)
-        self.saves = Schedule(out.checkpoint_every, end)
         self._open_results(in_place)
         self._first_step = self.simulation.step_number
         self._compilation = Compilation(self.log.line if self.main else None)
         self._seconds_of_results = 0.0
-        self._good = self.simulation.snapshot()
+        self._good = self.simulation.snapshot(), self.samples.state()
 
     def _on_main(self, action):
         """Do something on rank 0 alone; its error, if any, is raised on all ranks."""
@@ -140,15 +144,17 @@ class Run:
     # Results
 
     def _open_results(self, in_place):
-        columns = [name for probe in self.probes for name in probe.columns]
+        columns, began = list(self.samples.columns), self.simulation.time
+        if not in_place and self.samples.sampled != began:
+            self.samples.forget_row()
+        kept = began if self.samples.pending is None else self.samples.sampled
         table, path = self.directory / "probes.csv", self.directory / "particles.vtkhdf"
-        before = math.nextafter(self.simulation.time, -math.inf)
-        total, frames = self.simulation.totals["total"], self.frames.count(self.simulation.time)
+        total, frames = self.simulation.totals["total"], self.frames.count(began)
 
         def begin():
             if in_place:
-                self.frame = ParticleFile.resume(path, total, frames, before)
-                return ProbeTable.resume(table, columns, before)
+                self.frame = ParticleFile.resume(path, total, frames, math.nextafter(began, -math.inf))
+                return ProbeTable.resume(table, columns, math.nextafter(kept, -math.inf))
             self.frame = 0
             texts = {"job": job_text(self.job), "version": parmps.__version__}
             ParticleFile.create(path, total, frames, texts)
@@ -159,32 +165,33 @@ class Run:
         self.particle_file = self._everywhere(lambda: ParticleFile(path))
 
     def _state(self):
-        """What probes see: the rank's own particles."""
+        """What gauges see: the rank's own particles."""
         s, p = self.simulation, self.simulation.particles
         own = slice(0, p.owned)
-        names = ("position", "velocity", "pressure", "kind", "fluid", "normal", "depth", "compression")
         return SimpleNamespace(
-            **{name: getattr(p, name)[own] for name in names},
+            **{name: getattr(p, name)[own] for name in ("position", "velocity", "kind", "fluid", "compression")},
             surface=s.work.surface[own],
-            spacing=s.l0,
             frame=s.frame,
             density=s.liquids.density[p.fluid[own]],
             volume=(s.particle_mass / s.liquids.density)[p.fluid[own]],
             fraction=s.fraction[own],
-            friction=wall_friction(s) if self.loads else None,
         )
 
-    def _sample(self):
-        state = self._state()
-        parts = [probe.partial(state) for probe in self.probes]
-        sums = self.domain.sum(np.concatenate([*parts, [0.0]]))
-        ends = np.cumsum([len(part) for part in parts])[:-1] if parts else []
-        values = [
-            value
-            for probe, part in zip(self.probes, np.split(sums[:-1], ends), strict=True)
-            for value in probe.value(part)
-        ] if parts else []
-        self._on_main(lambda: self.table.write(self.simulation.time, values))
+    def _measure(self):
+        """Let the probes see the step, and write the rows of samples that are whole then."""
+        s = self.simulation
+        if s.step_number > 0 or s.scheme.position == "start":  # the papers' first step brings the first pressure
+            friction = wall_friction(s) if self.samples.loads.friction else None
+            self.samples.step(s.time, s.particles, s.liquids.density, s.frame, friction)
+        if not self.schedule.due(s.time):
+            return
+        s.note_energy()
+        self._write_rows(self.samples.take(s.time, self._state()))
+        self._good = s.snapshot(), self.samples.state()
+
+    def _write_rows(self, rows):
+        for row in rows:
+            self._on_main(lambda row=row: self.table.write(*row))
 
     def _write_frame(self):
         s, p = self.simulation, self.simulation.particles
@@ -202,6 +209,7 @@ class Run:
         """Write a checkpoint, then forget what a restart from it could not know."""
         s, p = self.simulation, self.simulation.particles
         path = self.directory / "checkpoint.h5"
+        self.samples.flush()
         ends = np.cumsum(self.domain.gather(p.owned)).tolist()
         slabs = list(zip([0, *ends[:-1]], ends, strict=True))
         counters = {name: getattr(s, name) for name in COUNTERS}
@@ -210,6 +218,7 @@ class Run:
             "job": self.job.model_dump(mode="json"),
             "version": parmps.__version__,
             "counters": counters,
+            "samples": self.samples.state(),
             "left": [item for part in self.domain.gather(s.left) for item in part],
         }
         self._on_main(lambda: self.table.sync())
@@ -238,6 +247,7 @@ class Run:
         if not self.main:
             counters |= {name: type(counters[name])(0) for name in SUMMED}
             left = []
+        self.samples.restore(header.attributes["samples"])
         s.restore({"counters": counters, "arrays": arrays, "left": left})
 
     # The loop
@@ -266,18 +276,21 @@ class Run:
             self._finish("done", start)
         except StoppedError as end:
             self._save()
+            self._write_rows(self.samples.rows())
             self._finish(str(end), start)
             raise
         except DivergedError as error:
             # a checkpoint of the last sample, from before the solution went wrong
-            s.restore(self._good)
+            s.restore(self._good[0])
+            self.samples.restore(self._good[1])
             self._save()
+            self._write_rows(self.samples.rows())
             self._finish(f"diverged: {error}", start)
             raise
 
     def _loop(self):
         s, end = self.simulation, self.job.time.end
-        schedules = (self.samples, self.frames, self.saves)
+        schedules = (self.schedule, self.frames, self.saves)
         s.start()
         began = s.time
         while True:
@@ -290,13 +303,11 @@ class Run:
                 raise StoppedError(f"stopped by {reason(request)} at t = {s.time:g} s, step {s.step_number}")
             s.solve()
             with self._writing():
-                if self.samples.due(s.time):
-                    s.note_energy()
-                    self._good = s.snapshot()
-                    self._sample()
+                self._measure()
                 if self.frames.due(s.time):
                     self._write_frame()
             if s.time >= end:
+                self._write_rows(self.samples.rows())
                 break
             s.move()
             if self.main:
@@ -316,6 +327,8 @@ class Run:
             f"{s.totals['fluid']} fluid and {s.totals['total'] - s.totals['fluid']} boundary particles, "
             f"spacing {s.l0:g} m, {self.domain.size} rank(s), scheme {self.job.scheme.preset}"
         )
+        for warning in self.warnings:  # which the command line has shown before it placed the particles
+            self.log.note(f"warning: {warning}")
 
     def _finish(self, status, start):
         self.wall, self.cpu = clock.perf_counter() - start[0], clock.process_time() - start[1]
@@ -342,7 +355,7 @@ class Run:
             line(f"volume drift {record['volume_drift']:+.2%}")
         else:
             line(f"{status}; to continue: --restart {command_line(self.directory)}")
-        script = "plot_probes.py" if self.probes else "plot_particles.py"
+        script = "plot_probes.py" if self.job.probes else "plot_particles.py"
         plot = Path(parmps.__file__).parents[1] / "postproc" / script
         line(f"Results are in {self.directory}; plot them: {command_line(sys.executable, plot, self.directory)}")
 
@@ -397,6 +410,8 @@ class Run:
             },
             "time_step": {"min": s.step_min if s.step_number else None, "max": s.step_max},
             "energy_drift": s.energy_drift(),
+            "warnings": self.warnings,
+            "columns": self.samples.columns,
             "peak_memory_bytes": domain.gather(memory),
             "versions": {
                 "parmps": parmps.__version__,

@@ -484,8 +484,8 @@ class Simulation:
             if not self.implicit:
                 bounds.append(explicit)
         steps = max(math.ceil(left / min(bounds) * (1.0 - 1e-9)), 1)
-        self.dt = left / steps
-        self._end_of_step = until if steps == 1 else self.time + self.dt
+        self._end_of_step = until if steps == 1 else _rounded(self.time + left / steps, left / steps)
+        self.dt = self._end_of_step - self.time
         self.divergence_time = max(self.dt, min(*bounds, self.divergence_time))
         self.courant = speed * self.dt / self.l0
         capillary = self.liquids.capillary_rate * CAPILLARY_SHARE / self.l0**3
@@ -645,6 +645,15 @@ class Simulation:
         errors = 1.0 / ratio[inside] - 1.0
         total, count = self.domain.sum(np.array([errors.sum(), float(len(errors))]))
         return float(total / max(count, 1.0))
+
+
+def _rounded(time, step):
+    """Time rounded to 12 digits, as those of outputs are, unless a step is near that.
+
+    Steps of 2 ms then end at the same instants whether outputs are 20 ms apart or 2.
+    """
+    rounded = float(f"{time:.12g}")
+    return rounded if abs(rounded - time) < 1e-6 * step else time
 
 
 def flow_limits(job, closed):

@@ -3,7 +3,8 @@
 Each stage is a function of the simulation; the plan reads from top to bottom as the method does. With the
 pressure solved at the step's start (the default), ``solve`` brings the pressure of time t^n and ``move`` the
 step to t^(n+1): v^(n+1) = v^n + dt (f - grad P / rho), r^(n+1) = r^n + dt v^(n+1), the symplectic Euler method
-([002] eqs. 15 to 18). The papers' scheme ([004]) moves first, and all its stages are in ``move``.
+([002] eqs. 15 to 18). The papers' scheme ([004]) moves first, and all its stages but the first search for neighbours
+are in ``move``.
 """
 
 import math
@@ -91,7 +92,8 @@ class Plan(NamedTuple):
     project : list of Stage
         Those that lead to the pressure which an impulsive start needs, once.
     solve, move : list of Stage
-        Those that lead to the pressure, after which results are written, and those that move the liquid.
+        Those that lead to the pressure, after which results are written, and those that move the liquid. After the
+        first, neighbours are those of the present places in every scheme: what is measured may sum over them.
     left_out : list of (str, str)
         Names of stages that the scene does not need, and why.
     """
@@ -175,10 +177,8 @@ def make_plan(job, ranks):
         ]
         return Plan(
             projection,
-            [],
+            [*halo, *search],
             [
-                *halo,
-                *search,
                 *(smoothing if tension else []),
                 Stage("body force", "gravity and the tank's motion", add_body_force_to_liquid),
                 *viscosity,
@@ -329,7 +329,9 @@ def refresh_halo(sim):
     """
     p = sim.particles
     if sim.domain.halo_is_stale(p, sim.halo_reach):
+        surface = sim.work.surface[: p.owned]
         sim.rebuild_halo()
+        sim.work.surface[: p.owned] = surface  # which the papers' scheme measures after results are written
     else:
         sim.domain.exchange(p.position, p.velocity, p.acceleration, p.pressure, p.separated)
 
@@ -539,7 +541,7 @@ def _viscous_operator(sim):
 
 
 def wall_friction(sim):
-    """Viscous force of the liquid on the rank's own wall particles.
+    """Viscous force of the liquid on the rank's own wall particles, between `Plan.solve` and `Plan.move`.
 
     Parameters
     ----------
@@ -547,15 +549,15 @@ def wall_friction(sim):
 
     Returns
     -------
-    None or (owned, 3) float64, N, in 2D N/m
+    None or (k, 3) float64, N, in 2D N/m
         None where viscosity does not act.
     """
     if "viscosity" not in sim.seconds:
         return None
     p = sim.particles
-    force, share = np.zeros((p.owned, 3)), sim.particle_mass * sim.liquids.viscosity.diagonal()
+    force, share = np.empty((p.rows - p.liquid, 3)), sim.particle_mass * sim.liquids.viscosity.diagonal()
     flow = (p.position, p.velocity, p.kind, p.normal, p.depth)
-    viscosity.wall_friction(*flow, share, *_viscous_operator(sim), p.liquid, p.rows, p.fluid, force[p.liquid :])
+    viscosity.wall_friction(*flow, share, *_viscous_operator(sim), p.liquid, p.rows, p.fluid, force)
     return force
 
 

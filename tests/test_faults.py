@@ -79,7 +79,7 @@ def check_whole(directory):
         header = checkpoint.read_header(directory / "checkpoint.h5")
         checkpoint.read_slabs(directory / "checkpoint.h5", range(len(header.slabs)))
     if (directory / "probes.csv").exists():
-        times = read_table(directory / "probes.csv")[1].reshape(-1, 6)[:, 0]
+        times = read_table(directory / "probes.csv")[1].reshape(-1, 10)[:, 0]
         np.testing.assert_allclose(times, 0.005 * np.arange(len(times)), atol=1e-12)
     if (directory / "particles.vtkhdf").exists():
         with h5py.File(directory / "particles.vtkhdf") as file:
