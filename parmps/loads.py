@@ -18,26 +18,33 @@ AT_WALL = 0.5  # in spacings; a pressure probe nearer to a wall than this measur
 FLATNESS = 0.1  # in spacings; the wall that a pressure probe measures is that even, but for its curvature
 SAME_WALL = 0.5  # least cosine of a pressure probe's normal and a particle's; edges have diagonal ones
 FAR = 2.0  # in spacings; where a wall has no particle that near, it is another wall of the same plane, or none at all
-PRESSURE, WET, DENSITY, ONE, FRICTION = 0, 1, 2, 3, 4  # fields on the walls; friction has three
+PRESSURE, WET, DENSITY, WET_DENSITY, ONE, FRICTION = range(6)  # fields on the walls; friction has three
 
 
-class WallLayer(NamedTuple):
+class WallLayer:
     """A rank's wall particles.
 
-    Attributes
+    Parameters
     ----------
     position, normal : (k, 3) float64, m and 1
     depth : (k,) float64, m
+
+    Attributes
+    ----------
+    surface : (k, 3) float64, m
+        Points of the wall that they belong to.
     """
 
-    position: np.ndarray
-    normal: np.ndarray
-    depth: np.ndarray
+    def __init__(self, position, normal, depth):
+        self.position, self.normal, self.depth = position, normal, depth
+        self.surface = position + depth[:, None] * normal
+        self._faces = None
 
-    @property
-    def surface(self):
-        """Points of the wall that the particles belong to, m: (k, 3) float64."""
-        return self.position + self.depth[:, None] * self.normal
+    def faces(self, geometry):
+        """Bodies and areas that the particles stand for, as `parmps.lattice.faces` gives them; found once."""
+        if self._faces is None:
+            self._faces = faces(geometry, self.position, self.normal, self.depth)
+        return self._faces
 
 
 class Steps(NamedTuple):
@@ -114,7 +121,7 @@ class Loads:
             On all ranks: no particle measures a load.
         """
         part = slice(particles.liquid, particles.rows)
-        layer = WallLayer(*(getattr(particles, name)[part] for name in WallLayer._fields))
+        layer = WallLayer(particles.position[part], particles.normal[part], particles.depth[part])
         on_wall = [load for load in self.loads if load.on_wall]
         if not self._settled:
             near = self.domain.max(np.array([-load.nearest(layer) for load in on_wall] or [0.0]))
@@ -330,6 +337,84 @@ def pressure_load(probe, geometry, key):
     return WallPressure(probe, at - distance * normal, normal, geometry.spacing, key)
 
 
+class PanelPressure:
+    """Mean pressure over a rectangle of a wall or a baffle.
+
+    A wall particle counts by what the rectangle has of its share of the wall, a square (3D) or a line (2D), and with
+    its pressure moved along the body force to the middle of that. Parts without liquid count as 0.
+
+    Parameters
+    ----------
+    probe : parmps.scene.PanelProbe
+    geometry : Geometry
+    key : str
+        Of the job, for a message.
+
+    Raises
+    ------
+    InputError
+        If the rectangle is not on a wall.
+    """
+
+    on_wall, peaks, signals, sums = True, True, 1, 5
+
+    def __init__(self, probe, geometry, key):
+        self.geometry, self.key = geometry, f"{key}.corners"
+        corners = np.zeros((2, 3))
+        corners[:, [0, 2] if geometry.dimension == 2 else [0, 1, 2]] = np.sort(probe.corners, axis=0)
+        self.low, self.high = corners
+        self.middle = corners.mean(axis=0)
+        self.across = next(a for a in (0, 2, 1) if self.low[a] == self.high[a])  # in 2D, all are equal along y
+        self.along = [a for a in ((0, 2) if geometry.dimension == 2 else (0, 1, 2)) if a != self.across]
+        distance, *normal = wall_distance(*self.middle, geometry.walls)
+        self.normal = np.array(normal)
+        if abs(distance) > AT_WALL * geometry.spacing or abs(normal[self.across]) < 1.0 - FLATNESS:
+            found = f"the middle of {[list(corner) for corner in probe.corners]} m is {abs(distance):.3g} m from a wall"
+            raise InputError(self.key, f"{found}, must lie on one that is at right angles to {'xyz'[self.across]}")
+        self.columns = pressure_columns(probe.name, f"on the panel {[list(corner) for corner in probe.corners]} m")
+
+    def _shares(self, layer):
+        """Particles of the panel, what it has of their shares of the wall, and the ways there from their points."""
+        off = np.abs(layer.surface[:, self.across] - self.middle[self.across]) < 0.5 * self.geometry.spacing
+        index = np.flatnonzero(off & (layer.normal @ self.normal > SAME_WALL))
+        area = -layer.faces(self.geometry)[1][index] @ self.normal
+        place = layer.position[index][:, self.along]
+        half = 0.5 * np.maximum(area, 0.0)[:, None] ** (1.0 / len(self.along))
+        low = np.maximum(place - half, self.low[self.along])
+        high = np.minimum(place + half, self.high[self.along])
+        share = np.prod(np.maximum(high - low, 0.0), axis=1)
+        way = np.zeros((len(index), 3))
+        way[:, self.along] = 0.5 * (low + high) - layer.surface[index][:, self.along]
+        used = share > 0.0
+        return index[used], share[used], way[used]
+
+    def nearest(self, layer):
+        """0 m where the panel has a particle; infinite without any."""
+        return 0.0 if len(self._shares(layer)[0]) else np.inf
+
+    def settle(self, nearest):
+        """Refuse a panel that no particle of any rank is on.
+
+        Raises
+        ------
+        InputError
+            If so.
+        """
+        if nearest > 0.0:
+            raise InputError(self.key, "no wall particle has a share of this panel; it is not on a wall")
+
+    def forms(self, layer):
+        """Weights of the sums over shares, pressures, and density times the way to the middle of each share."""
+        index, share, way = self._shares(layer)
+        ways = [[(WET_DENSITY, index, share * way[:, axis])] for axis in range(3)]
+        return [[(ONE, index, share)], [(PRESSURE, index, share)], *ways]
+
+    def values(self, sums, frames):
+        """Pressure, Pa: (steps, 1) float64."""
+        correction = np.sum(sums[:, 2:] * frames.force_at(self.middle), axis=1, keepdims=True)
+        return (sums[:, 1:2] + correction) / sums[:, :1]
+
+
 class ForceLoad:
     """Force of the liquid on the tank and its baffles, in all and one by one, and its moment about a point.
 
@@ -381,7 +466,7 @@ class ForceLoad:
 
     def forms(self, layer):
         """Weights of force and moment on the tank and on each baffle."""
-        owner, area = faces(self.geometry, *layer)
+        owner, area = layer.faces(self.geometry)
         arm = layer.surface - self.about
         by_pressure = np.concatenate([area, np.cross(arm, area)], axis=1)
         unit = np.eye(3)
