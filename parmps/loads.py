@@ -190,9 +190,9 @@ class Loads:
         (steps, signals) float64
             In the order of the loads.
         """
-        frames = Steps.of(frames)
-        parts = [sums[:, end - load.sums : end] for load, end in zip(self._order, self._ends, strict=True)]
-        found = {load: load.values(part, frames) for load, part in zip(self._order, parts, strict=True)}
+        frames, found = Steps.of(frames), {}
+        for load, end in zip(self._order, self._ends, strict=True):
+            found[load] = load.values(sums[:, end - load.sums : end], frames)
         return np.concatenate([found[load] for load in self.loads], axis=1)
 
 
@@ -283,9 +283,9 @@ class WallPressure:
 
     def values(self, sums, frames):
         """Pressure, Pa: (steps, 1) float64; 0 where there is no liquid."""
-        weight, wet, pressure = sums[:, :1], sums[:, 1:2], sums[:, 2:3]
-        correction = -np.sum(sums[:, 3:] * frames.force_at(self.at), axis=1, keepdims=True)
-        return (wet > 0.0) * (pressure + correction * wet / weight) / weight
+        weight, wet, pressure = sums.T[:3]
+        correction = -np.einsum("sa,sa->s", sums[:, 3:], frames.force_at(self.at))
+        return ((wet > 0.0) * (pressure + correction * wet / weight) / weight)[:, None]
 
 
 class LiquidPressure:
@@ -311,7 +311,7 @@ class LiquidPressure:
 
     def values(self, sums, frames):
         """Pressure, Pa: (steps, 1) float64; 0 where there is no liquid."""
-        correction = -np.sum(sums[:, 2:] * frames.force_at(self.at), axis=1)
+        correction = -np.einsum("sa,sa->s", sums[:, 2:], frames.force_at(self.at))
         return ((sums[:, 1] + correction) / np.where(sums[:, 0] > 0.0, sums[:, 0], 1.0))[:, None]
 
 
@@ -411,8 +411,8 @@ class PanelPressure:
 
     def values(self, sums, frames):
         """Pressure, Pa: (steps, 1) float64."""
-        correction = np.sum(sums[:, 2:] * frames.force_at(self.middle), axis=1, keepdims=True)
-        return (sums[:, 1:2] + correction) / sums[:, :1]
+        correction = np.einsum("sa,sa->s", sums[:, 2:], frames.force_at(self.middle))
+        return ((sums[:, 1] + correction) / sums[:, 0])[:, None]
 
 
 class ForceLoad:
