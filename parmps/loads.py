@@ -5,8 +5,6 @@ of the particles; a step then costs one product of a sparse matrix and the field
 sums over all ranks become values for many steps at once.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from parmps.errors import InputError
@@ -47,8 +45,13 @@ class WallLayer:
         return self._faces
 
 
-class Steps(NamedTuple):
+class Steps:
     """The tank's frame in many steps.
+
+    Parameters
+    ----------
+    frames : list of FrameState
+        One a step.
 
     Attributes
     ----------
@@ -56,25 +59,20 @@ class Steps(NamedTuple):
         Body force at the tank's origin.
     turn : None or (steps, 3, 3) float64, 1/s2
         What the body force at x is less by: x times this; None where the tank does not turn.
-    rotation : (steps, 3, 3) float64
-        Takes tank-frame components to earth-frame components.
     """
 
-    force: np.ndarray
-    turn: np.ndarray | None
-    rotation: np.ndarray
+    def __init__(self, frames):
+        self._frames = frames
+        vectors = np.array([(frame.force, frame.omega, frame.alpha) for frame in frames])
+        self.force, self.turn = vectors[:, 0], None
+        if vectors[:, 1:].any():
+            axes, omega, alpha = np.eye(3), vectors[:, 1:2], vectors[:, 2:]
+            self.turn = np.cross(alpha, axes) + np.cross(omega, np.cross(omega, axes))
 
-    @classmethod
-    def of(cls, frames):
-        """Gather those of single steps, a list of FrameState."""
-        force, omega, alpha, rotation = (
-            np.array([getattr(frame, name) for frame in frames]) for name in ("force", "omega", "alpha", "rotation")
-        )
-        turn = None
-        if omega.any() or alpha.any():
-            axes = np.eye(3)
-            turn = np.cross(alpha[:, None], axes) + np.cross(omega[:, None], np.cross(omega[:, None], axes))
-        return cls(force, turn, rotation)
+    @property
+    def rotation(self):
+        """Take tank-frame components to earth-frame components: (steps, 3, 3) float64."""
+        return np.array([frame.rotation for frame in self._frames])
 
     def force_at(self, at):
         """Body force at a point of the tank, (3,) float64 in m: (steps, 3) float64, m/s2."""
@@ -190,7 +188,7 @@ class Loads:
         (steps, signals) float64
             In the order of the loads.
         """
-        frames, found = Steps.of(frames), {}
+        frames, found = Steps(frames), {}
         for load, end in zip(self._order, self._ends, strict=True):
             found[load] = load.values(sums[:, end - load.sums : end], frames)
         return np.concatenate([found[load] for load in self.loads], axis=1)
