@@ -85,6 +85,12 @@ def _value_cautions(job):
                 f"fluids[{number}].kinematic_viscosity: {fluid.kinematic_viscosity:g} m2/s is more than "
                 "100 000 times that of water; is it in mm2/s?"
             )
+    for number, probe in enumerate(job.probes):
+        if probe.kind == "pressure" and probe.radius is not None and probe.radius < job.spacing * (1 - TOLERANCE):
+            yield (
+                f"probes[{number}].radius: {probe.radius:g} m is less than the spacing of {job.spacing:g} m; the "
+                "pressure is averaged over at least one spacing"
+            )
     for name in ("particles_every", "probes_every"):
         every = getattr(job.output, name)
         if every > job.time.end:

@@ -273,7 +273,8 @@ def _check_probes(job):
         if probe.kind == "pressure":
             _check_inside(job, probe.at, f"{key}.at")
             _check_outside_baffles(job, probe.at, f"{key}.at")
-            _check_unique([p.name for p in job.probes] + [f"{probe.name}.max"], "probes")
+        elif probe.kind == "panel":
+            _check_panel(job, probe.corners, f"{key}.corners")
         elif probe.kind == "force" and probe.about is not None:
             _check_components(job, probe.about, f"{key}.about", "m")
         elif probe.kind in ("elevation", "interface"):
@@ -285,7 +286,9 @@ def _check_probes(job):
             _check_within(probe.at, job.tank.size[:-1], f"{key}.at")
             if probe.fixed_to == "tank":
                 _check_column(job, probe.at, f"{key}.at")
-        if probe.kind == "interface":
+        if probe.kind in ("pressure", "panel"):
+            _check_unique([f"{probe.name}.max", *(other.name for other in job.probes)], "probes", first=-1)
+        elif probe.kind == "interface":
             _check_pair(job, probe.between, f"{key}.between")
         elif probe.kind == "liquid":
             _check_fluid_name(job, probe.fluid, f"{key}.fluid")
@@ -377,6 +380,16 @@ def _check_outside_baffles(job, point, key):
             f"got {list(point)} m, which lies inside tank.baffles[{number}]; its faces are at "
             f"{centre - baffle.thickness / 2:g} m and {centre + baffle.thickness / 2:g} m",
         )
+
+
+def _check_panel(job, corners, key):
+    """Refuse corners that make no rectangle across one axis."""
+    for number, corner in enumerate(corners):
+        _check_in_box(job, corner, f"{key}[{number}]")
+    equal = [axis for axis, (a, b) in enumerate(zip(*corners, strict=True)) if a == b]
+    if len(equal) != 1:
+        found = [list(corner) for corner in corners]
+        raise InputError(key, f"got {found} m, must be equal along one axis and different along the others")
 
 
 def _check_column(job, at, key):

@@ -5,8 +5,6 @@ of the particles; a step then costs one product of a sparse matrix and the field
 sums over all ranks become values for many steps at once.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from parmps.errors import InputError
@@ -18,30 +16,42 @@ AT_WALL = 0.5  # in spacings; a pressure probe nearer to a wall than this measur
 FLATNESS = 0.1  # in spacings; the wall that a pressure probe measures is that even, but for its curvature
 SAME_WALL = 0.5  # least cosine of a pressure probe's normal and a particle's; edges have diagonal ones
 FAR = 2.0  # in spacings; where a wall has no particle that near, it is another wall of the same plane, or none at all
-PRESSURE, WET, DENSITY, ONE, FRICTION = 0, 1, 2, 3, 4  # fields on the walls; friction has three
+PRESSURE, WET, DENSITY, WET_DENSITY, ONE, FRICTION = range(6)  # fields on the walls; friction has three
 
 
-class WallLayer(NamedTuple):
+class WallLayer:
     """A rank's wall particles.
 
-    Attributes
+    Parameters
     ----------
     position, normal : (k, 3) float64, m and 1
     depth : (k,) float64, m
+
+    Attributes
+    ----------
+    surface : (k, 3) float64, m
+        Points of the wall that they belong to.
     """
 
-    position: np.ndarray
-    normal: np.ndarray
-    depth: np.ndarray
+    def __init__(self, position, normal, depth):
+        self.position, self.normal, self.depth = position, normal, depth
+        self.surface = position + depth[:, None] * normal
+        self._faces = None
 
-    @property
-    def surface(self):
-        """Points of the wall that the particles belong to, m: (k, 3) float64."""
-        return self.position + self.depth[:, None] * self.normal
+    def faces(self, geometry):
+        """Bodies and areas that the particles stand for, as `parmps.lattice.faces` gives them; found once."""
+        if self._faces is None:
+            self._faces = faces(geometry, self.position, self.normal, self.depth)
+        return self._faces
 
 
-class Steps(NamedTuple):
+class Steps:
     """The tank's frame in many steps.
+
+    Parameters
+    ----------
+    frames : list of FrameState
+        One a step.
 
     Attributes
     ----------
@@ -49,25 +59,20 @@ class Steps(NamedTuple):
         Body force at the tank's origin.
     turn : None or (steps, 3, 3) float64, 1/s2
         What the body force at x is less by: x times this; None where the tank does not turn.
-    rotation : (steps, 3, 3) float64
-        Takes tank-frame components to earth-frame components.
     """
 
-    force: np.ndarray
-    turn: np.ndarray | None
-    rotation: np.ndarray
+    def __init__(self, frames):
+        self._frames = frames
+        vectors = np.array([(frame.force, frame.omega, frame.alpha) for frame in frames])
+        self.force, self.turn = vectors[:, 0], None
+        if vectors[:, 1:].any():
+            axes, omega, alpha = np.eye(3), vectors[:, 1:2], vectors[:, 2:]
+            self.turn = np.cross(alpha, axes) + np.cross(omega, np.cross(omega, axes))
 
-    @classmethod
-    def of(cls, frames):
-        """Gather those of single steps, a list of FrameState."""
-        force, omega, alpha, rotation = (
-            np.array([getattr(frame, name) for frame in frames]) for name in ("force", "omega", "alpha", "rotation")
-        )
-        turn = None
-        if omega.any() or alpha.any():
-            axes = np.eye(3)
-            turn = np.cross(alpha[:, None], axes) + np.cross(omega[:, None], np.cross(omega[:, None], axes))
-        return cls(force, turn, rotation)
+    @property
+    def rotation(self):
+        """Take tank-frame components to earth-frame components: (steps, 3, 3) float64."""
+        return np.array([frame.rotation for frame in self._frames])
 
     def force_at(self, at):
         """Body force at a point of the tank, (3,) float64 in m: (steps, 3) float64, m/s2."""
@@ -114,7 +119,7 @@ class Loads:
             On all ranks: no particle measures a load.
         """
         part = slice(particles.liquid, particles.rows)
-        layer = WallLayer(*(getattr(particles, name)[part] for name in WallLayer._fields))
+        layer = WallLayer(particles.position[part], particles.normal[part], particles.depth[part])
         on_wall = [load for load in self.loads if load.on_wall]
         if not self._settled:
             near = self.domain.max(np.array([-load.nearest(layer) for load in on_wall] or [0.0]))
@@ -183,9 +188,9 @@ class Loads:
         (steps, signals) float64
             In the order of the loads.
         """
-        frames = Steps.of(frames)
-        parts = [sums[:, end - load.sums : end] for load, end in zip(self._order, self._ends, strict=True)]
-        found = {load: load.values(part, frames) for load, part in zip(self._order, parts, strict=True)}
+        frames, found = Steps(frames), {}
+        for load, end in zip(self._order, self._ends, strict=True):
+            found[load] = load.values(sums[:, end - load.sums : end], frames)
         return np.concatenate([found[load] for load in self.loads], axis=1)
 
 
@@ -276,9 +281,9 @@ class WallPressure:
 
     def values(self, sums, frames):
         """Pressure, Pa: (steps, 1) float64; 0 where there is no liquid."""
-        weight, wet, pressure = sums[:, :1], sums[:, 1:2], sums[:, 2:3]
-        correction = -np.sum(sums[:, 3:] * frames.force_at(self.at), axis=1, keepdims=True)
-        return (wet > 0.0) * (pressure + correction * wet / weight) / weight
+        weight, wet, pressure = sums.T[:3]
+        correction = -np.einsum("sa,sa->s", sums[:, 3:], frames.force_at(self.at))
+        return ((wet > 0.0) * (pressure + correction * wet / weight) / weight)[:, None]
 
 
 class LiquidPressure:
@@ -304,7 +309,7 @@ class LiquidPressure:
 
     def values(self, sums, frames):
         """Pressure, Pa: (steps, 1) float64; 0 where there is no liquid."""
-        correction = -np.sum(sums[:, 2:] * frames.force_at(self.at), axis=1)
+        correction = -np.einsum("sa,sa->s", sums[:, 2:], frames.force_at(self.at))
         return ((sums[:, 1] + correction) / np.where(sums[:, 0] > 0.0, sums[:, 0], 1.0))[:, None]
 
 
@@ -328,6 +333,84 @@ def pressure_load(probe, geometry, key):
         return LiquidPressure(probe, at, geometry.spacing)
     normal = np.array(normal)
     return WallPressure(probe, at - distance * normal, normal, geometry.spacing, key)
+
+
+class PanelPressure:
+    """Mean pressure over a rectangle of a wall or a baffle.
+
+    A wall particle counts by what the rectangle has of its share of the wall, a square (3D) or a line (2D), and with
+    its pressure moved along the body force to the middle of that. Parts without liquid count as 0.
+
+    Parameters
+    ----------
+    probe : parmps.scene.PanelProbe
+    geometry : Geometry
+    key : str
+        Of the job, for a message.
+
+    Raises
+    ------
+    InputError
+        If the rectangle is not on a wall.
+    """
+
+    on_wall, peaks, signals, sums = True, True, 1, 5
+
+    def __init__(self, probe, geometry, key):
+        self.geometry, self.key = geometry, f"{key}.corners"
+        corners = np.zeros((2, 3))
+        corners[:, [0, 2] if geometry.dimension == 2 else [0, 1, 2]] = np.sort(probe.corners, axis=0)
+        self.low, self.high = corners
+        self.middle = corners.mean(axis=0)
+        self.across = next(a for a in (0, 2, 1) if self.low[a] == self.high[a])  # in 2D, all are equal along y
+        self.along = [a for a in ((0, 2) if geometry.dimension == 2 else (0, 1, 2)) if a != self.across]
+        distance, *normal = wall_distance(*self.middle, geometry.walls)
+        self.normal = np.array(normal)
+        if abs(distance) > AT_WALL * geometry.spacing or abs(normal[self.across]) < 1.0 - FLATNESS:
+            found = f"the middle of {[list(corner) for corner in probe.corners]} m is {abs(distance):.3g} m from a wall"
+            raise InputError(self.key, f"{found}, must lie on one that is at right angles to {'xyz'[self.across]}")
+        self.columns = pressure_columns(probe.name, f"on the panel {[list(corner) for corner in probe.corners]} m")
+
+    def _shares(self, layer):
+        """Particles of the panel, what it has of their shares of the wall, and the ways there from their points."""
+        off = np.abs(layer.surface[:, self.across] - self.middle[self.across]) < 0.5 * self.geometry.spacing
+        index = np.flatnonzero(off & (layer.normal @ self.normal > SAME_WALL))
+        area = -layer.faces(self.geometry)[1][index] @ self.normal
+        place = layer.position[index][:, self.along]
+        half = 0.5 * np.maximum(area, 0.0)[:, None] ** (1.0 / len(self.along))
+        low = np.maximum(place - half, self.low[self.along])
+        high = np.minimum(place + half, self.high[self.along])
+        share = np.prod(np.maximum(high - low, 0.0), axis=1)
+        way = np.zeros((len(index), 3))
+        way[:, self.along] = 0.5 * (low + high) - layer.surface[index][:, self.along]
+        used = share > 0.0
+        return index[used], share[used], way[used]
+
+    def nearest(self, layer):
+        """0 m where the panel has a particle; infinite without any."""
+        return 0.0 if len(self._shares(layer)[0]) else np.inf
+
+    def settle(self, nearest):
+        """Refuse a panel that no particle of any rank is on.
+
+        Raises
+        ------
+        InputError
+            If so.
+        """
+        if nearest > 0.0:
+            raise InputError(self.key, "no wall particle has a share of this panel; it is not on a wall")
+
+    def forms(self, layer):
+        """Weights of the sums over shares, pressures, and density times the way to the middle of each share."""
+        index, share, way = self._shares(layer)
+        ways = [[(WET_DENSITY, index, share * way[:, axis])] for axis in range(3)]
+        return [[(ONE, index, share)], [(PRESSURE, index, share)], *ways]
+
+    def values(self, sums, frames):
+        """Pressure, Pa: (steps, 1) float64."""
+        correction = np.einsum("sa,sa->s", sums[:, 2:], frames.force_at(self.middle))
+        return ((sums[:, 1] + correction) / sums[:, 0])[:, None]
 
 
 class ForceLoad:
@@ -381,7 +464,7 @@ class ForceLoad:
 
     def forms(self, layer):
         """Weights of force and moment on the tank and on each baffle."""
-        owner, area = faces(self.geometry, *layer)
+        owner, area = layer.faces(self.geometry)
         arm = layer.surface - self.about
         by_pressure = np.concatenate([area, np.cross(arm, area)], axis=1)
         unit = np.eye(3)

@@ -1,7 +1,7 @@
 """The probes of a job: gauges (`parmps.gauges`), read at an instant, and loads (`parmps.loads`), taken step by step."""
 
 from parmps.gauges import ElevationGauge, InterfaceGauge, LiquidProbe
-from parmps.loads import ForceLoad, pressure_load
+from parmps.loads import ForceLoad, PanelPressure, pressure_load
 
 
 def build_probes(job, geometry):
@@ -22,6 +22,7 @@ def build_probes(job, geometry):
     names = [fluid.name for fluid in job.fluids]
     make = {
         "pressure": lambda probe, key: pressure_load(probe, geometry, key),
+        "panel": lambda probe, key: PanelPressure(probe, geometry, key),
         "force": lambda probe, key: ForceLoad(probe, geometry, job.tank),
         "elevation": lambda probe, key: ElevationGauge(probe, geometry),
         "interface": lambda probe, key: InterfaceGauge(probe, geometry, names),

@@ -118,9 +118,11 @@ class Samples:
 
     def _spread(self, begin, end, value, edge):
         """Add a part of a step to the interval of the last sample, and what is beyond its edge to the next one."""
-        for interval, low, high in ((self.now, begin, min(end, edge)), (self.later, max(begin, edge), end)):
-            if high - low > SLIVER * (end - begin):
-                interval.add(high - low, value)
+        sliver = SLIVER * (end - begin)
+        if min(end, edge) - begin > sliver:
+            self.now.add(min(end, edge) - begin, value)
+        if end - max(begin, edge) > sliver:
+            self.later.add(end - max(begin, edge), value)
 
     def take(self, time, state):
         """Take a sample; collective.

@@ -310,6 +310,17 @@ class PressureProbe(Kind):
     radius: Length | None = setting("radius of the averaging area; null: two spacings", "m", None)
 
 
+class PanelProbe(Kind):
+    """Mean pressure over a rectangle of a wall or a baffle."""
+
+    name: Name = setting("column name in probes.csv")
+    kind: Literal["panel"] = setting("mean pressure over a rectangle of a wall or a baffle")
+    corners: Annotated[tuple[Point, ...], Field(min_length=2, max_length=2)] = setting(
+        "opposite corners: [x, z] in 2D, [x, y, z] in 3D, on a wall or a face of a baffle at right angles to x, y or z",
+        "m",
+    )
+
+
 Columns = Annotated[tuple[Coordinate, ...], Field(min_length=1, max_length=2)]
 
 
@@ -363,7 +374,7 @@ class ForceProbe(Kind):
     frame: Literal["tank", "earth"] = setting("whose axes the components are along", default="tank")
 
 
-Probe = _union(PressureProbe, ElevationProbe, InterfaceProbe, LiquidProbe, ForceProbe)
+Probe = _union(PressureProbe, ElevationProbe, InterfaceProbe, LiquidProbe, ForceProbe, PanelProbe)
 
 Every = Annotated[Number, Field(gt=0, le=1e6)]
 

@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from parmps.domain import Domain
+from parmps.errors import InputError
 from parmps.loader import parse_job
 from parmps.loads import Loads
 from parmps.motion import FrameState, Motion
@@ -131,6 +132,56 @@ def test_wall_pressure_is_by_the_body_force_at_the_wall():
     # linear over half a spacing
     assert values["P [Pa]"] == pytest.approx(0.5 * RHO * 900.0 * (0.8**2 + 0.25**2), rel=1e-4)
     assert values["load.Fx [N/m]"] == pytest.approx(0.5 * RHO * 900.0 * 0.8**2 * 0.5, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("corners", "mean"),
+    [
+        # of depths below the surface at 0.25, by area; half of the last but two is dry
+        ([[0.0, 0.05], [0.0, 0.1]], 0.175),
+        ([[0.0, 0.1023], [0.0, 0.0511]], 0.25 - 0.0767),
+        ([[0.8, 0.0], [0.8, 0.1]], 0.2),
+        ([[0.1, 0.0], [0.153, 0.0]], 0.25),
+        ([[0.397, 0.02], [0.397, 0.15]], 0.165),
+        ([[0.397, 0.15], [0.403, 0.15]], 0.1),
+        ([[0.0, 0.2], [0.0, 0.3]], 0.0125),
+        ([[0.0, 0.3], [0.0, 0.4]], 0.0),
+    ],
+)
+def test_mean_pressure_over_a_panel(corners, mean):
+    job = make_job(f"{{name: P, kind: panel, corners: {corners}}}", baffles=POST)
+    p = place(job, "half")
+    values = measure(job, hydrostatic(p, 0.25), p.geometry)
+    rel = {0.0125: 0.03, 0.165: 1e-4}.get(mean, 1e-9)  # at the edges of liquid and of a plate
+    assert values["P [Pa]"] == pytest.approx(RHO * G * mean, rel=rel, abs=1e-6)
+
+
+def test_panels_in_3d():
+    """On the side of a box, on a ring, and on the end of a lying cylinder, whose particles stand in no rows."""
+    for tank, corners, mean, rel in (
+        ("size: [0.6, 0.31, 0.5]", [[0.1, 0.31, 0.05], [0.33, 0.31, 0.18]], 0.2 - 0.115, 1e-9),
+        (
+            "size: [0.6, 0.31, 0.5], baffles: [{x: 0.3, ring: 0.06, thickness: 0.04}]",
+            [[0.28, 0.08, 0.01], [0.28, 0.2, 0.05]], 0.17, 1e-9,
+        ),
+        ("shape: cylinder, size: [0.4, 0.4, 0.4]", [[0.0, 0.12, 0.06], [0.0, 0.28, 0.16]], 0.09, 0.02),
+    ):  # fmt: skip
+        job = parse_job(
+            f"dimension: 3\nspacing: 0.02\ntank: {{{tank}}}\nfluids: [{{name: water, depth: 0.2}}]\n"
+            f"time: {{end: 1.0}}\nprobes: [{{name: P, kind: panel, corners: {corners}}}]\n"
+        )
+        p = place(job, "half")
+        values = measure(job, hydrostatic(p, 0.2), p.geometry)
+        assert values["P [Pa]"] == pytest.approx(RHO * G * mean, rel=rel)
+
+
+def test_a_panel_that_is_on_no_wall_is_refused():
+    for corners in ([[0.2, 0.1], [0.2, 0.2]], [[0.0, 0.1], [0.1, 0.1]]):
+        job = make_job(f"{{name: P, kind: panel, corners: {corners}}}")
+        with pytest.raises(InputError, match=r"probes\[0\].corners: the middle of .* must lie on one"):
+            build_probes(job, place(job, "half").geometry)
+    with pytest.raises(InputError, match=r"probes\[0\].corners: got .* must be equal along one axis"):
+        make_job("{name: P, kind: panel, corners: [[0.0, 0.1], [0.2, 0.2]]}")
 
 
 def test_pressure_near_the_waterline_is_an_area_average():

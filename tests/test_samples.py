@@ -228,3 +228,18 @@ def test_the_force_of_viscous_liquid_at_rest_is_measured_from_the_first_step_on(
     water = "fluids=[{name: water, depth: 0.16, kinematic_viscosity: 1.0e-3}]"
     _, rows = run(tmp_path, [f"scheme={scheme}", probes, water], SMALL)
     np.testing.assert_allclose(rows[1:, 2], -9800.0 * 0.4 * 0.16, rtol=0.05)
+
+
+def test_the_force_on_a_full_tank_does_not_lag_behind_its_motion(tmp_path):
+    """Liquid that fills a tank in surge moves as a whole: -m (v(end) - v(begin)) / T is its mean force."""
+    surge = "motion=[{kind: surge, amplitude: 0.05, omega: 6.0}]"
+    probes = "probes=[{name: load, kind: force}, {name: L, kind: panel, corners: [[0.0, 0.0], [0.0, 0.3]]}]"
+    full = "fluids=[{name: water, fill: 1.0, kinematic_viscosity: 0}]"
+    _, rows = run(tmp_path, [surge, probes, full, "spacing=0.04", "time.end=1.0", "output.probes_every=0.04"], SMALL)
+    time, force = rows[:, 0], rows[:, 1]
+    ends = np.concatenate([time[:1], 0.5 * (time[1:] + time[:-1]), time[-1:]])
+    exact = -1000.0 * 0.4 * 0.3 * np.diff(0.3 * np.cos(6.0 * ends)) / np.diff(ends)
+    errors = {lag: np.abs(np.interp(time[2:-2] + lag, time, exact) - force[2:-2]).max() for lag in (-0.002, 0.0, 0.002)}
+    assert errors[0.0] < 0.01 * np.abs(exact).max() and errors[0.0] < 0.5 * min(errors[-0.002], errors[0.002])
+    # in the tank's frame the liquid stands still: impulse and momentum
+    assert np.trapz(force, time) == pytest.approx(-120.0 * 0.3 * (np.cos(6.0) - 1.0), rel=0.01)

@@ -371,6 +371,11 @@ def test_motion_file_must_cover_the_run_and_stay_in_plane(tmp_path):
             [{"x": 0.4, "bottom": 0, "top": 0.1, "thickness": 0.006}],
             ["tank.baffles[0].thickness: 0.006 m is less than the spacing of 0.01 m"],
         ),
+        (
+            ["probes"],
+            [{"name": "P", "kind": "pressure", "at": [0.0, 0.1], "radius": 0.006}],
+            ["probes[0].radius: 0.006 m is less than the spacing of 0.01 m"],
+        ),
     ],
 )
 def test_warnings(path, value, expected):

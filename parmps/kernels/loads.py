@@ -19,15 +19,15 @@ def wall_fields(pressure, density, surface, step, force, alpha, omega, out):
         The points on the wall, and the way there from the particles.
     force, alpha, omega : (3,) float64
         Body force in m/s2, angular acceleration in 1/s2 and angular velocity in 1/s of the tank, as in `FrameState`.
-    out : (3, n) float64
-        Filled with pressure (Pa), 1 where there is liquid and 0 elsewhere, and density.
+    out : (4, n) float64
+        Filled with pressure (Pa), 1 where there is liquid and 0 elsewhere, density, and density where there is liquid.
     """
     a, b, c = alpha[0], alpha[1], alpha[2]
     p, q, r = omega[0], omega[1], omega[2]
     for i in range(len(pressure)):
         out[2, i] = density[i]
         if pressure[i] == 0.0:
-            out[0, i] = out[1, i] = 0.0
+            out[0, i] = out[1, i] = out[3, i] = 0.0
             continue
         x, y, z = surface[i, 0], surface[i, 1], surface[i, 2]
         u, v, w = q * z - r * y, r * x - p * z, p * y - q * x
@@ -35,7 +35,7 @@ def wall_fields(pressure, density, surface, step, force, alpha, omega, out):
         fy = force[1] - (c * x - a * z) - (r * u - p * w)
         fz = force[2] - (a * y - b * x) - (p * v - q * u)
         out[0, i] = pressure[i] + density[i] * (step[i, 0] * fx + step[i, 1] * fy + step[i, 2] * fz)
-        out[1, i] = 1.0
+        out[1, i], out[3, i] = 1.0, density[i]
 
 
 @compiled
