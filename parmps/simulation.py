@@ -424,7 +424,11 @@ class Simulation:
 
     def force_field(self):
         """Body force on what rests in the tank, as in `kernels.energy.work_along`: (4, 3) float64."""
-        return np.concatenate([self.frame.force[None], self.frame.turn()])
+        field, frame = np.zeros((4, 3)), self.frame
+        field[0] = frame.force
+        if frame.omega.any() or frame.alpha.any():
+            field[1:] = frame.turn()
+        return field
 
     def keep_inside(self):
         """Put particles back that a wall should have stopped, and tell those that left an open tank over its rim."""
