@@ -37,6 +37,8 @@ FAILURE = "parmps: error: "
 """Beginning of the line that tells why a case failed."""
 EARLY_END = 5
 """Exit status of a run that was asked to stop; it goes on when the sweep does."""
+BEYOND_LIMITS = 6
+"""Exit status of a run that is done, with a warning in its ``run.json``."""
 SECONDS_BETWEEN_LOOKS = 0.1
 SECONDS_TO_SAVE = 60.0
 """How long stopped cases have to write their checkpoints."""
@@ -223,7 +225,7 @@ def _start(sweep, case, lock):
 
 def _end(place, status):
     """Note a failure that the case itself could not tell."""
-    if status not in (0, EARLY_END) and state(place) == "missing":
+    if status not in (0, EARLY_END, BEYOND_LIMITS) and state(place) == "missing":
         with output_errors(place / ERRORS), open(place / ERRORS, "a") as errors:
             errors.write(f"{FAILURE}{exit_text(status)}\n")
 
@@ -321,6 +323,7 @@ def script(sweep, cases, kind):
         places=places,
         run=run,
         early=EARLY_END,
+        beyond=BEYOND_LIMITS,
         failure=FAILURE,
     )
 
@@ -345,7 +348,7 @@ for case in "${{cases[@]}}"; do
     status=$?
     [[ $stop ]] && wait $child  # the signal ended the wait before this one, not the case
     [[ $stop || $status == {early} ]] && exit {early}
-    [[ $status == 0 ]] || grep -qs '^{failure}' "$case/errors.txt" ||
+    [[ $status == 0 || $status == {beyond} ]] || grep -qs '^{failure}' "$case/errors.txt" ||
         echo "{failure}ended with exit status $status; see $case/errors.txt" >>"$case/errors.txt"
 done
 """

@@ -29,7 +29,8 @@ examples:
 other commands (each with --help): plan, sweep, plot, schema
 
 exit status: 0 done, 2 bad input, 3 diverged, 4 a rank failed or an output could not be written, 5 stopped early
-by SIGTERM, SIGINT, SIGUSR1 or --wall-limit. After 3 and 5 there is a checkpoint to continue from.
+by SIGTERM, SIGINT, SIGUSR1 or --wall-limit, 6 done, but energy came from nowhere or volume was lost beyond the limits:
+run.json and the log say where and when, results are kept. After 3 and 5 there is a checkpoint to continue from.
 Options of the pressure solver go to PETSc with the prefix -ppe_, such as -ppe_ksp_monitor.
 """
 

@@ -43,6 +43,13 @@ class StoppedError(ParmpsError):
     title = "early end"
 
 
+class BeyondLimits(ParmpsError):  # noqa: N818 - the run came to its end, and its results are kept
+    """The run is done, but made energy or lost volume beyond its limits (exit status 6)."""
+
+    exit_status = 6
+    title = "beyond limits"
+
+
 class OutputError(ParmpsError):
     """An output file could not be written or read back (exit status 4)."""
 

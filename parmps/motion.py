@@ -81,9 +81,12 @@ class FrameState(NamedTuple):
         -------
         (..., 3) float64, m/s2
         """
+        return self.force - position @ self.turn()
+
+    def turn(self):
+        """Matrix T of the force -r T by which the body force changes with the place r: (3, 3) float64, 1/s2."""
         axes = np.eye(3)  # one product with a matrix: in a tank that turns, each step asks for all particles
-        turn = np.cross(self.alpha, axes) + np.cross(self.omega, np.cross(self.omega, axes))
-        return self.force - position @ turn
+        return np.cross(self.alpha, axes) + np.cross(self.omega, np.cross(self.omega, axes))
 
     def greatest_force(self, corners):
         """Greatest body force in the tank, which is at one of its corners.

@@ -18,7 +18,7 @@ from numba.core.event import install_listener
 import parmps
 from parmps import checkpoint
 from parmps.cautions import cautions
-from parmps.errors import DivergedError, OutputError, StoppedError
+from parmps.errors import BeyondLimits, DivergedError, OutputError, StoppedError
 from parmps.interrupt import Interrupt, reason
 from parmps.loader import job_text
 from parmps.output import ParticleFile, ProbeTable, prepare_directory, write_json
@@ -212,6 +212,7 @@ class Run:
         self.samples.flush()
         ends = np.cumsum(self.domain.gather(p.owned)).tolist()
         slabs = list(zip([0, *ends[:-1]], ends, strict=True))
+        s.ledger.settle(self.domain)
         counters = {name: getattr(s, name) for name in COUNTERS}
         counters |= {name: self.domain.sum(counters[name]) for name in SUMMED}
         attributes = {
@@ -261,6 +262,8 @@ class Run:
             On all ranks, after a checkpoint of the last good state.
         StoppedError
             On all ranks, after a checkpoint of the present state.
+        BeyondLimits
+            On all ranks, after all results.
         OutputError
             On all ranks.
         """
@@ -274,6 +277,8 @@ class Run:
             with install_listener("numba:compile", self._compilation):
                 self._loop()
             self._finish("done", start)
+            if s.ledger.warnings():
+                raise BeyondLimits("; ".join(s.ledger.warnings()))
         except StoppedError as end:
             self._save()
             self._write_rows(self.samples.rows())
@@ -346,6 +351,16 @@ class Run:
         for item in record["left_tank"]:
             line(f"particle {item['id']} left the tank at {item['position']} m in step {item['step']}")
         tense = self.simulation.liquids.capillary_rate > 0.0
+        put_back = record["put_back_from_walls"]
+        if put_back:
+            share = put_back / max(record["particles"]["fluid"] * record["steps"], 1)
+            line(
+                f"{put_back} times a particle was put back that a wall should have stopped, {share:.2%} of all "
+                "particles and steps; below 1 % is normal where liquid strikes walls"
+            )
+        line(self.simulation.ledger.account())
+        for sentence in record["warnings"]:
+            line(f"warning: {sentence}")
         line(
             f"{record['steps']} steps, {record['ksp']['iterations_mean']:.1f} iterations a step, "
             f"{record['ksp']['rebuilds']} multigrid set-ups; energy drift {record['energy_drift']:+.2%}"
@@ -410,8 +425,13 @@ class Run:
             },
             "time_step": {"min": s.step_min if s.step_number else None, "max": s.step_max},
             "energy_drift": s.energy_drift(),
-            "warnings": self.warnings,
             "columns": self.samples.columns,
+            "energy": s.ledger.summary(
+                s.kinetic_energy() - s.initial_energy, s.potential_energy() - s.initial_potential
+            ),
+            "volume_most": s.ledger.volume_most,
+            "put_back": int(domain.sum(s.put_back)),
+            "warnings": [*self.warnings, *s.ledger.warnings()],
             "peak_memory_bytes": domain.gather(memory),
             "versions": {
                 "parmps": parmps.__version__,

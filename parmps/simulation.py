@@ -6,6 +6,7 @@ import time as clock
 import numpy as np
 
 from parmps.components import Floating
+from parmps.energy import Ledger
 from parmps.errors import DivergedError
 from parmps.interfaces import Links, Near
 from parmps.kernels.shifting import keep_off_walls
@@ -63,21 +64,23 @@ COUNTERS = (
     "time",
     "step_number",
     "divergence_time",
-    "work_done",
+    "ledger_state",
     "initial_energy",
+    "initial_potential",
     "energy_scale",
     "largest_kinetic",
     "contacts",
     "put_back",
     "surface_distance",
     "volume_error",
+    "volume_off",
     "iterations",
     "iterations_max",
     "step_min",
     "step_max",
 )
 """What a simulation knows beside its particles. Those of `SUMMED` are this rank's share of a sum."""
-SUMMED = ("work_done", "contacts", "put_back")
+SUMMED = ("contacts", "put_back")
 
 
 class Work:
@@ -173,8 +176,8 @@ class Simulation:
         removed in a shorter step is that much more pressure.
     implicit : bool
         Whether the viscous step is implicit, so that it does not bound the time step.
-    volume_error : float
-        Mean of the last measured compression.
+    volume_error, volume_off : float
+        Mean of the last measured compression, up to 5 % a particle; relative change of the volume by the same density.
     contacts, put_back : int
         Of this rank: contacts of close particles, particles put back from walls.
     """
@@ -189,13 +192,14 @@ class Simulation:
         self.l0 = placement.spacing
         self.particle_mass = self._masses(placement)
         self.totals = {"fluid": placement.total_fluid, "total": placement.total}
+        self.ledger = Ledger(self.particle_mass, self.liquids.density)
         self.motion = Motion(job.motion, job.gravity, job.dimension, job.tank)
         self.lattice = lattice(job.dimension, scheme.radius)
         self.laplacian_lattice = lattice(job.dimension, scheme.laplacian_radius)
         self.wide_lattice = lattice(job.dimension, scheme.volume_radius)
         self.surface_lean = self.lattice.lean
         self.surface_distance = 0.5 * self.l0
-        self.volume_error = 0.0
+        self.volume_error = self.volume_off = 0.0
         self.plan = make_plan(job, domain.size)
         self.seconds = {stage.name: 0.0 for stage in (*self.plan.solve, *self.plan.move)}
         self.solver = PressureSolver(
@@ -222,12 +226,11 @@ class Simulation:
         self.contacts = self.put_back = 0
         self.left = []
         self.largest_kinetic = 0.0
-        self.work_done = 0.0  # of the body force on this rank's liquid, J
         self.iterations, self.iterations_max = 0, 0
         self.step_min, self.step_max = math.inf, 0.0
         self.started = False
         self.distribute()
-        self.initial_energy = self.kinetic_energy()
+        self.initial_energy, self.initial_potential = self.kinetic_energy(), self.potential_energy()
         at = self.particles.position[: self.particles.liquid, 2]
         self.energy_scale = np.linalg.norm(self.frame.force) * self.domain.sum(self.mass_sum(at))
 
@@ -333,6 +336,7 @@ class Simulation:
         p.acceleration[:], self.divergence_time = 0.0, 0.0
         self.frame = self.motion.at(0.0)
         self.contacts = 0
+        self.ledger.clear()
         self.initial_energy = self.kinetic_energy()
         self.distribute()  # a restart from here would not know the solver's state
 
@@ -412,18 +416,20 @@ class Simulation:
             velocity = velocity - 0.75 * self.dt * p.acceleration
         body_force(p.position, velocity, p.kind, f.force, f.alpha, f.omega, w.force)
 
-    def count_work(self):
-        """Add up the work that the body force does on this rank's liquid in this step; Coriolis' does none."""
-        p, f = self.particles, self.frame
-        position, velocity = p.position[: p.liquid], p.velocity[: p.liquid]
-        turns = f.omega.any() or f.alpha.any()
-        power = np.einsum("ij,ij->i", f.force_at(position), velocity) if turns else velocity @ f.force
-        self.work_done += self.dt * self.mass_sum(power)
+    def force_field(self):
+        """Body force on what rests in the tank, as in `kernels.energy.work_along`: (4, 3) float64."""
+        field, frame = np.zeros((4, 3)), self.frame
+        field[0] = frame.force
+        if frame.omega.any() or frame.alpha.any():
+            field[1:] = frame.turn()
+        return field
 
     def keep_inside(self):
         """Put particles back that a wall should have stopped, and tell those that left an open tank over its rim."""
         p, walls = self.particles, self.geometry.walls
-        self.put_back += keep_off_walls(p.position, p.velocity, p.kind, walls, 0.2 * self.l0, p.liquid)
+        account = (p.fluid, self.ledger.mass, self.force_field(), self.ledger.booked)
+        least = 0.2 * self.l0
+        self.put_back += keep_off_walls(p.position, p.velocity, p.kind, walls, least, p.liquid, *account)
         if not walls.open_top:
             return
         at = p.position[: p.liquid]
@@ -432,6 +438,8 @@ class Simulation:
         beside = np.any(outside, axis=1, where=[True, self.dimension == 3, False])
         for i in np.flatnonzero(above & beside & (p.kind[: p.liquid] == FLUID)):
             p.kind[i] = OUT
+            mass = float(self.particle_mass[p.fluid[i]])
+            self.ledger.book("left", -0.5 * mass * float(p.velocity[i] @ p.velocity[i]))
             p.velocity[i] = p.pressure[i] = 0.0
             self.left.append((int(p.id[i]), p.position[i].tolist(), self.step_number))
 
@@ -495,7 +503,7 @@ class Simulation:
 
     def _check_speed(self, speed):
         """Stop a run whose fastest particle has twice the energy of all the liquid, before its steps vanish."""
-        energy = self.initial_energy + self.energy_scale + abs(float(self.domain.sum(self.work_done)))
+        energy = self.initial_energy + self.energy_scale + abs(self.work_done())
         if 0.5 * float(self.particle_mass.min()) * speed**2 > 2.0 * energy:
             raise DivergedError(
                 f"a particle moves at {speed:g} m/s at t = {self.time:g} s, step {self.step_number}: "
@@ -582,6 +590,15 @@ class Simulation:
         for solver in self.solvers:
             solver.close()
 
+    @property
+    def ledger_state(self):
+        """What of the ledger goes on in a restart: dict."""
+        return self.ledger.state
+
+    @ledger_state.setter
+    def ledger_state(self, state):
+        self.ledger.state = state
+
     # Sums over the liquid
 
     def _masses(self, placement):
@@ -591,6 +608,11 @@ class Simulation:
         sums = [np.bincount(kinds, placement.volume[liquid], count), np.bincount(kinds, minlength=count)]
         volume, number = self.domain.sum(np.array(sums, dtype=float))
         return self.liquids.density * np.where(number > 0.0, volume / np.maximum(number, 1.0), self.l0**self.dimension)
+
+    def work_done(self):
+        """Work of the body force so far, J; collective."""
+        self.ledger.settle(self.domain)
+        return float(self.ledger.totals[-1])
 
     def mass_sum(self, values):
         """Sum of a value times the mass over this rank's liquid.
@@ -610,29 +632,47 @@ class Simulation:
     def kinetic_energy(self):
         """Kinetic energy relative to the tank, J (J/m in 2D)."""
         p = self.particles
-        v = p.velocity[: p.liquid]
-        return 0.5 * float(self.domain.sum(self.mass_sum(np.einsum("ij,ij->i", v, v))))
+        return float(self.domain.sum(self.ledger.kinetic(p, p.velocity)))
+
+    def potential_energy(self):
+        """Potential of the uniform part of the body force, J (J/m in 2D)."""
+        p = self.particles
+        return -float(self.domain.sum(self.mass_sum(p.position[: p.liquid] @ self.frame.force)))
+
+    def surface_energy(self):
+        """Energy of the surfaces under tension, J (J/m in 2D), by the number of particles in them."""
+        tables = [table for table in (self.liquids.tension, self.liquids.surface_tension) if table is not None]
+        if not tables:
+            return 0.0
+        p, w = self.particles, self.work
+        between = 0 if w.near_interface is None else len(w.near_interface.index)
+        count = float(self.domain.sum(float(np.count_nonzero(w.surface[: p.liquid]) + between)))
+        return count * self.l0 ** (self.dimension - 1) * max(float(table.max()) for table in tables)
 
     def note_energy(self):
-        """Kinetic energy, J, of which the greatest so far is kept for `energy_drift`."""
-        kinetic = self.kinetic_energy()
-        self.largest_kinetic = max(self.largest_kinetic, kinetic)
-        return kinetic
+        """Let the ledger note the gains and the error of the volume so far; collective, in a solved step."""
+        p = self.particles
+        self.largest_kinetic = max(self.largest_kinetic, self.kinetic_energy())
+        weight = self.force * float(self.domain.sum(self.mass_sum(p.position[: p.liquid, 2])))
+        self.energy_scale = max(self.energy_scale, weight)
+        self.ledger.settle(self.domain)
+        self.ledger.note(self.time, self.energy_scale + self.largest_kinetic, self.surface_energy())
+        # not older than a few steps where a stage measures it
+        self.ledger.note_volume(self.time, self.volume_off if "volume" in self.seconds else self.volume_drift())
 
     def energy_drift(self):
-        """Energy that came from nowhere (or, negative, went to heat), over the energy of the liquid.
+        """Energy that came from nowhere (or, negative, went to heat), over the energy of the liquid; collective.
 
         Kinetic energy less its initial value and less the work of the body force, over the greatest kinetic
-        energy noted so far plus the potential energy of the liquid at the start, above the tank's bottom. The energy of
+        energy noted so far plus the greatest potential energy of the liquid above the tank's bottom. The energy of
         surfaces under tension is not known: what they give the liquid counts as from nowhere.
 
         Returns
         -------
         float
         """
-        kinetic = self.note_energy()
-        work = float(self.domain.sum(self.work_done))
-        return (kinetic - self.initial_energy - work) / max(self.energy_scale + self.largest_kinetic, 1e-300)
+        self.note_energy()
+        return float(self.ledger.totals[:-1].sum()) / max(self.energy_scale + self.largest_kinetic, 1e-300)
 
     def volume_drift(self):
         """Relative change of the liquid's volume, from the smooth density inside the liquid.

@@ -69,5 +69,7 @@ def add_surface_tension(sim):
         p.liquid,
         w.change,
     )
+    energy = sim.ledger.kinetic(p, w.intermediate)
     velocity = w.intermediate[own].T
     velocity += w.change[own].T * (sim.dt / mass_density(sim, own))
+    sim.ledger.book("tension", sim.ledger.kinetic(p, w.intermediate) - energy)

@@ -24,6 +24,7 @@ from parmps.interfaces import (
     limit_shifting,
 )
 from parmps.kernels import density, gradient, poisson, shifting, velocity, viscosity
+from parmps.kernels.energy import book_acceleration
 from parmps.kernels.weight import weight
 from parmps.liquids import Liquids
 from parmps.neighbors import sorted_cells
@@ -417,8 +418,10 @@ def measure_volume(sim):
         return
     ratio, inside = smooth_density(sim)
     p.compression[: p.liquid] = np.where(inside, np.clip(ratio - 1.0, -0.05, 0.05), 0.0)
-    total, count = sim.domain.sum(np.array([p.compression[: p.liquid].sum(), float(np.count_nonzero(inside))]))
-    sim.volume_error = total / max(count, 1.0)
+    whole = ratio[inside]
+    sums = np.array([p.compression[: p.liquid].sum(), (1.0 / whole - 1.0).sum(), float(len(whole))])
+    error, off, count = sim.domain.sum(sums)
+    sim.volume_error, sim.volume_off = error / max(count, 1.0), float(off / max(count, 1.0))
 
 
 def volume_every(sim):
@@ -495,6 +498,7 @@ def add_body_force_to_liquid(sim):
     liquid = p.kind == FLUID
     w.intermediate[liquid] = p.velocity[liquid] + sim.dt * w.force[liquid]
     w.force[:] = 0.0  # the divergence of v* has it
+    sim.ledger.book("pressure", sim.ledger.kinetic(p, w.intermediate) - sim.ledger.kinetic(p, p.velocity))
 
 
 def measure_strain(sim):
@@ -513,6 +517,13 @@ def add_viscosity(sim):
     its matrix has twice the Laplacian, since that stress takes up to twice the energy that the Laplacian takes, and
     none from liquid that turns as a whole: the first then decays at steps of any length, and the second goes on.
     """
+    energy = sim.ledger.kinetic(sim.particles, sim.work.intermediate)
+    _change_by_viscosity(sim)
+    sim.ledger.book("viscosity", sim.ledger.kinetic(sim.particles, sim.work.intermediate) - energy)
+
+
+def _change_by_viscosity(sim):
+    """Add the viscous change of velocity to the intermediate one."""
     p, w, operator = sim.particles, sim.work, _viscous_operator(sim)
     walls, table = (p.kind, p.normal, p.depth), sim.liquids.viscosity
     change, dt = w.intermediate, sim.dt
@@ -564,6 +575,7 @@ def wall_friction(sim):
 def add_contacts(sim):
     """Stop particles that are about to overlap."""
     p, s, w = sim.particles, sim.scheme, sim.work
+    energy = sim.ledger.kinetic(p, w.intermediate)
     before = w.intermediate.copy() if sim.hurried else None
     reach = min(s.collision_distance + 2.0 * sim.courant, s.radius)  # two particles that run into each other
     sim.contacts += velocity.add_contacts(
@@ -581,12 +593,14 @@ def add_contacts(sim):
         sim.liquids.share,
     )
     w.impulse = None if before is None else w.intermediate - before
+    sim.ledger.book("contacts", sim.ledger.kinetic(p, w.intermediate) - energy)
 
 
 def move_explicitly(sim):
     """r* = r + dt v*."""
     p, w = sim.particles, sim.work
     p.velocity[: p.liquid] = w.intermediate[: p.liquid]
+    sim.ledger.book_way(p, p.velocity, sim.dt, sim.force_field())
     p.position[: p.liquid] += sim.dt * p.velocity[: p.liquid]
     sim.keep_inside()
 
@@ -620,6 +634,7 @@ def measure_divergence(sim):
         added = flow_divergence(sim, inverse) - trace
     else:
         trace, added = flow_divergence(sim, inverse), 0.0
+    flow = trace.copy()
     if s.volume_time is not None:
         velocity.relax_volume(
             p.compression,
@@ -635,6 +650,7 @@ def measure_divergence(sim):
     share = min(s.separation * (sim.grid_number + sim.courant), 0.2)
     trace = trace - share * np.clip(over - s.overdensity, 0.0, MOST_OVERDENSITY) / sim.dt
     w.source[: p.liquid] = trace / sim.divergence_time + added / sim.dt
+    w.expansion = (flow - trace) * (sim.dt / sim.divergence_time)
 
 
 def _reflect(sim, sticks, flow):
@@ -786,8 +802,11 @@ def accelerate(sim):
         *((None, None) if w.near_interface is None else (w.near_interface.slips, w.near_interface.normal)),
     )
     change = (w.intermediate, w.change, w.link_force, w.force)
+    account = (p.pressure, w.expansion, p.kind, p.fluid, sim.ledger.mass, sim.ledger.volume, sim.force_field())
+    book_acceleration(
+        p.position, p.velocity, *change, p.acceleration, *account, sim.dt, p.liquid, sim.ledger.booked
+    )
     velocity.accelerate(*change, sim.dt, p.liquid, p.acceleration, p.velocity)
-    sim.count_work()
 
 
 def pressure_gradient(sim):
@@ -860,6 +879,10 @@ def move(sim):
         w.inward,
         *sim.pairs.wet,
         sim.strength,
+        p.fluid,
+        sim.ledger.mass,
+        sim.force_field(),
+        sim.ledger.booked,
     )
     sim.keep_inside()
 
@@ -872,10 +895,11 @@ def correct(sim):
     p = sim.particles
     np.maximum(p.pressure, 0.0, out=p.pressure)
     pressure_gradient(sim)
-    liquid = slice(0, p.liquid)
+    liquid, energy = slice(0, p.liquid), sim.ledger.kinetic(p, p.velocity)
     p.velocity[liquid] -= sim.dt * p.acceleration[liquid]
+    sim.ledger.book("pressure", sim.ledger.kinetic(p, p.velocity) - energy)
+    sim.ledger.book_way(p, p.acceleration, -(sim.dt**2), sim.force_field())
     p.position[liquid] -= sim.dt**2 * p.acceleration[liquid]
-    sim.count_work()
     sim.keep_inside()
 
 

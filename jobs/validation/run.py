@@ -168,6 +168,8 @@ def _status(done, directory):
     """What became of a run; one that diverged did so after its last sample."""
     if done.returncode == 0:
         return "done"
+    if done.returncode == 6:
+        return f"done, {done.stderr.strip().splitlines()[-1].removeprefix('parmps: ')}"
     if done.returncode == 3:
         last = (directory / "probes.csv").read_text().splitlines()[-1].split(",")[0]
         return f"diverged after t = {last} s"

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from parmps.kernels.compiled import compiled
+from parmps.kernels.energy import SHIFTING, SURFACE, WALLS, WORK, work_along
 from parmps.kernels.walls import beside_solid, wall_distance
 
 BEYOND = 1.0
@@ -95,6 +96,10 @@ def move(
     last,
     other,
     strength,
+    fluid,
+    mass,
+    field,
+    booked,
 ):
     """R += dt v + shift l0 F, tangential at the surface; surface particles move as the surface above them does.
 
@@ -136,8 +141,11 @@ def move(
         Neighbour lists.
     strength : (pairs,) float32, 1/m2
         W / r_ij^2, as made by `strengths`.
+    fluid, mass, field, booked
+        As in `energy.book_acceleration`; the way dt v is booked there.
     """
     change = np.empty(9)
+    shifted = lifted = work = 0.0
     for i in range(rows):
         if kind[i] != 0:
             continue
@@ -154,7 +162,7 @@ def move(
         px = dt * velocity[i, 0] + reach * sx
         py = dt * velocity[i, 1] + reach * sy
         pz = dt * velocity[i, 2] + reach * sz
-        g = gradient[i]
+        g, m = gradient[i], mass[fluid[i]]
         if surface[i] != 0 or beyond is not None:
             half, towards = 0.5 * l0, beyond
             if surface[i] != 0:
@@ -171,20 +179,32 @@ def move(
                 ex, ey, ez = carried(g, x, y, z)
             size = dt * math.sqrt(ex * ex + ey * ey + ez * ez)
             limit = dt * min(1.0, 0.05 * l0 / max(size, 1e-300))
-            px += limit * ex
-            py += limit * ey
-            pz += limit * ez
+            ex, ey, ez = limit * ex, limit * ey, limit * ez
+            px += ex
+            py += ey
+            pz += ez
+            here = m * work_along(position[i, 0], position[i, 1], position[i, 2], field, ex, ey, ez)
+            lifted -= here
+            work += here
+        here = m * reach * work_along(position[i, 0], position[i, 1], position[i, 2], field, sx, sy, sz)
         ex, ey, ez = carried(g, sx, sy, sz)
+        u, v, w = velocity[i, 0], velocity[i, 1], velocity[i, 2]
+        half = 0.5 * reach
+        shifted += m * reach * (ex * (u + half * ex) + ey * (v + half * ey) + ez * (w + half * ez)) - here
+        work += here
         velocity[i, 0] += reach * ex
         velocity[i, 1] += reach * ey
         velocity[i, 2] += reach * ez
         position[i, 0] += px
         position[i, 1] += py
         position[i, 2] += pz
+    booked[SHIFTING] += shifted
+    booked[SURFACE] += lifted
+    booked[WORK] += work
 
 
 @compiled
-def keep_off_walls(position, velocity, kind, walls, least, rows):
+def keep_off_walls(position, velocity, kind, walls, least, rows, fluid, mass, field, booked):
     """Put particles that came too near a wall, or through it, back, and take the speed towards it.
 
     Parameters
@@ -196,6 +216,8 @@ def keep_off_walls(position, velocity, kind, walls, least, rows):
     least : float
         Least distance from a wall, m.
     rows : int
+    fluid, mass, field, booked
+        As in `energy.book_acceleration`.
 
     Returns
     -------
@@ -224,11 +246,16 @@ def keep_off_walls(position, velocity, kind, walls, least, rows):
             if d >= least:
                 break
             count += 1
-            position[i, 0] += (least - d) * nx
-            position[i, 1] += (least - d) * ny
-            position[i, 2] += (least - d) * nz
+            m, bx, by, bz = mass[fluid[i]], (least - d) * nx, (least - d) * ny, (least - d) * nz
+            here = m * work_along(position[i, 0], position[i, 1], position[i, 2], field, bx, by, bz)
+            booked[WORK] += here
+            booked[WALLS] -= here
+            position[i, 0] += bx
+            position[i, 1] += by
+            position[i, 2] += bz
             towards = velocity[i, 0] * nx + velocity[i, 1] * ny + velocity[i, 2] * nz
             if towards < 0.0:
+                booked[WALLS] -= 0.5 * m * towards * towards
                 velocity[i, 0] -= towards * nx
                 velocity[i, 1] -= towards * ny
                 velocity[i, 2] -= towards * nz

@@ -231,7 +231,7 @@ def march(comm, steps, redistribute, *overrides):
     result = fields_of(comm, sim)
     result["migrated"] = comm.allreduce(moved)
     result["time"], result["l0"], result["energy"] = sim.time, sim.l0, sim.kinetic_energy()
-    result["work"] = sim.domain.sum(sim.work_done)
+    result["work"] = sim.work_done()
     liquid = result["kind"] == FLUID
     result["momentum"] = sim.particle_mass[0] * result["velocity"][liquid].sum(axis=0)
     p = sim.particles
