@@ -9,12 +9,15 @@ from scipy.optimize import brentq
 from parmps.errors import InputError
 from parmps.fields import nearest
 from parmps.hull import build_hull
-from parmps.mesh import read_surface
+from parmps.mesh import Mesh
 from parmps.motion import read_motion_file
+from parmps.stl import read_surface
 
 TOLERANCE = 1e-9  # relative; forgives the rounding of decimal input such as 0.1 + 0.2
 MAX_POINTS = 1e12  # thousands of times what anyone has computed
 OUT_OF_PLANE = ("sway", "yaw")
+UNITS = {"mm": 1e-3, "cm": 1e-2, "in": 0.0254, "ft": 0.3048}
+"""Lengths in m that surfaces are drawn in by mistake."""
 UPPER = {"bottom": "top", "left": "right"}
 """Keys of a baffle's ends."""
 
@@ -76,10 +79,11 @@ def _check_surface(tank):
         raise InputError("tank.surface", "missing; shape: stl needs the path of a surface")
     extent = read_surface(tank.surface).extents
     if np.abs(extent - tank.size).max() > 0.01 * max(tank.size):
+        unit = next((name for name, long in UNITS.items() if np.allclose(extent * long, tank.size, rtol=0.01)), None)
         raise InputError(
             "tank.size",
             f"got {list(tank.size)}, but {tank.surface} is {' x '.join(f'{side:.4g}' for side in extent)} m large; "
-            "the file must be in m",
+            f"the file must be in m{f' and is in {unit}' if unit else ''}",
         )
 
 
@@ -354,7 +358,9 @@ def _check_inside(job, point, key):
     if hull is None:
         return
     at = np.array([point[-hull.dimension :]])
-    if hull.distance(at)[0][0] < -hull.rounding:
+    # a few points do not need the samples, which may be larger than the memory at this spacing
+    gap = hull.exact_distance(at)[0] if isinstance(hull, Mesh) else hull.distance(at)[0][0]
+    if gap < -hull.rounding:
         raise InputError(key, f"got {list(point)} m, which lies outside the tank's {job.tank.shape}")
 
 

@@ -1,4 +1,4 @@
-"""Hulls from closed surfaces of triangles: STL files, which trimesh reads."""
+"""Hulls from closed surfaces of triangles."""
 
 import functools
 import os
@@ -8,59 +8,20 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from parmps.errors import InputError
-from parmps.kernels.triangles import sample_distance
+from parmps.kernels.triangles import exact_distance, sample_distance
 from parmps.kernels.walls import Walls, distances
 from parmps.packing import RENEW, SHARE, STEPS, asymmetry, neighbours
 from parmps.shell import Shell
+from parmps.stl import read_surface
 
 BAND = 7.0
 """Distance from the surface that is sampled, in spacings: wall and dummy layers for a reach of 5 on one side."""
 FINENESS = 2
 """Nodes of the sampled distance per spacing."""
+ASIDE = 1e-7
+"""How far from a point the line is that tells whether it is inside, in sizes of the tank."""
 FIRST_GAP = 0.83
 """Least distance of points picked at random so that they are one spacing apart in the mean, in spacings."""
-
-
-def read_surface(path):
-    """Read a closed surface.
-
-    Parameters
-    ----------
-    path : str
-
-    Returns
-    -------
-    trimesh.Trimesh
-        Moved so that the box around it begins at the origin; normals point outwards.
-
-    Raises
-    ------
-    InputError
-        There is no such file, it is no surface, or the surface is not closed; or trimesh is not installed.
-    """
-    if not os.path.isfile(path):
-        raise InputError("tank.surface", f"{path}: no such file")
-    return _read(path, os.path.getmtime(path))
-
-
-@functools.lru_cache(maxsize=4)
-def _read(path, _changed):
-    try:
-        import trimesh
-    except ImportError:
-        raise InputError("tank.surface", "needs trimesh, which is not installed: pip install trimesh") from None
-    try:
-        surface = trimesh.load_mesh(path, file_type="stl")
-    except (ValueError, IndexError, KeyError, OSError, UnicodeDecodeError, trimesh.exchange.stl.HeaderError) as error:
-        raise InputError("tank.surface", f"{path}: not an STL file: {error}") from None
-    if not isinstance(surface, trimesh.Trimesh) or len(surface.faces) < 4:
-        raise InputError("tank.surface", f"{path}: has no triangles of a surface")
-    if not (surface.is_watertight and surface.is_winding_consistent):
-        raise InputError("tank.surface", f"{path}: must be closed, with all triangles turned the same way")
-    surface.apply_translation(-surface.bounds[0])
-    if surface.volume < 0.0:
-        surface.invert()
-    return surface
 
 
 def load_hull(path, spacing):
@@ -82,7 +43,7 @@ def load_hull(path, spacing):
 
 @functools.lru_cache(maxsize=2)
 def _load(path, _changed, spacing):
-    return Mesh(np.array(read_surface(path).triangles), spacing)
+    return Mesh(read_surface(path).triangles, spacing)
 
 
 @dataclass(frozen=True)
@@ -108,11 +69,14 @@ class Mesh:
 
     @functools.cached_property
     def sampled(self):
-        """Walls that hold the sampled distance alone."""
+        """Walls that hold the sampled distance alone; an InputError where the surface crosses itself."""
         step = self.spacing / FINENESS
         low = self.triangles.min(axis=(0, 1)) - BAND * self.spacing
         shape = np.ceil((self.triangles.max(axis=(0, 1)) + BAND * self.spacing - low) / step).astype(int) + 1
-        field = sample_distance(self.triangles, low, step, tuple(int(n) for n in shape), BAND * self.spacing)
+        field, odd = sample_distance(self.triangles, low, step, tuple(int(n) for n in shape), BAND * self.spacing)
+        if odd[3]:
+            place = ", ".join(f"{x:.4g}" for x in low + step * odd[:3])
+            raise InputError("tank.surface", f"crosses itself: [{place}] m is inside it {odd[3]} times, not 0 or 1")
         return Walls(np.array([[-np.inf] * 3, [np.inf] * 3]), field=field, frame=np.append(low, step))
 
     def content_below(self, level):
@@ -130,6 +94,11 @@ class Mesh:
     def distance(self, point):
         """Distance from the wall and its normal, as of a `Polygon`."""
         return distances(np.ascontiguousarray(point, dtype=float), self.sampled)
+
+    def exact_distance(self, point):
+        """Distance of a few points from the wall: to every triangle, without samples."""
+        point = np.ascontiguousarray(point, dtype=float)
+        return exact_distance(point, self.triangles, ASIDE * float(self.triangles.max()))
 
     def shell(self, depth, spacing):
         """Points on a surface outside: picked at random with a least distance, then moved until they are even."""
