@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from parmps.errors import InputError
+from parmps.kernels.packing import pick_apart
 from parmps.kernels.triangles import exact_distance, sample_distance
 from parmps.kernels.walls import Walls, distances
 from parmps.packing import RENEW, SHARE, STEPS, asymmetry, neighbours
@@ -117,26 +118,22 @@ class Mesh:
         for turn in range(STEPS):
             if turn % RENEW == 0:
                 pairs = neighbours(at, at, spacing)
-            at = self._onto(at + spacing * SHARE * asymmetry(at, at, pairs, spacing, 2), depth)
+            at = self._onto(at + spacing * SHARE * asymmetry(at, at, pairs, spacing, 2), depth, 1)
+        at = self._onto(at, depth)
         _, normal = self.distance(at)
         side = self.triangles[:, 1:] - self.triangles[:, :1]
         own = 0.5 * np.linalg.norm(np.cross(side[:, 0], side[:, 1]), axis=1).sum()
         return Shell(at, at + depth * normal, normal, -normal * own / len(at))
 
-    def _onto(self, point, depth):
-        for _ in range(3):
+    def _onto(self, point, depth, turns=3):
+        """Move points to where the distance is minus the depth, by so many steps of Newton's method."""
+        for _ in range(turns):
             gap, normal = self.distance(point)
             point = point - (gap + depth)[:, None] * normal
         return point
 
 
 def _apart(point, gap):
-    """Pick points, in their order, that are no nearer to each other than a gap: numbers."""
-    near = cKDTree(point).query_ball_point(point, gap)
-    free = np.ones(len(point), bool)
-    picked = []
-    for i in range(len(point)):
-        if free[i]:
-            picked.append(i)
-            free[near[i]] = False
-    return picked
+    """Pick points, in their order, that are no nearer to each other than a gap: (n,) bool."""
+    pairs = np.sort(cKDTree(point).query_pairs(gap, output_type="ndarray"), axis=1)
+    return pick_apart(len(point), np.ascontiguousarray(pairs[np.argsort(pairs[:, 0], kind="stable")]))

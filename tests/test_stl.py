@@ -6,8 +6,10 @@ import pytest
 from parmps.cautions import cautions
 from parmps.errors import InputError
 from parmps.kernels.triangles import exact_distance
+from parmps.kernels.weight import lattice
 from parmps.loader import parse_job
-from parmps.mesh import load_hull
+from parmps.mesh import _apart, load_hull
+from parmps.packing import REACH, asymmetry, neighbours
 from parmps.stl import read_surface
 from parmps.tank import count_particles
 
@@ -206,3 +208,21 @@ def test_exact_distance_from_a_box():
     beyond = np.maximum(-point, point - 1.0)
     exact = np.where((beyond < 0).all(axis=1), -beyond.max(axis=1), -np.linalg.norm(np.maximum(beyond, 0), axis=1))
     np.testing.assert_allclose(exact_distance(point, UNIT, 1e-7), exact, atol=1e-12)
+
+
+def test_points_are_picked_apart_and_moved_by_the_sum_over_their_pairs():
+    random = np.random.default_rng(1)
+    at = random.uniform(0, 6, (300, 3))
+    picked = _apart(at, 0.8)
+    free = np.ones(300, bool)
+    for i in range(300):
+        if free[i]:
+            free[i + 1 :] &= np.linalg.norm(at[i + 1 :] - at[i], axis=1) > 0.8
+    np.testing.assert_array_equal(picked, free)
+    away = at[:, None] - at
+    r = np.linalg.norm(away, axis=2)
+    w = np.where((r > 0) & (r < REACH), (REACH - r) * 0.85 / (0.85 * r + 0.15 * REACH), 0.0)
+    exact = 3 / lattice(3, REACH).density * np.einsum("ij,ijk->ik", w / np.where(r > 0, r, 1), away)
+    np.testing.assert_allclose(asymmetry(at, at, neighbours(at, at, 1.0), 1.0, 3), exact, atol=1e-12)
+    copy = at.copy()
+    np.testing.assert_allclose(asymmetry(at, copy, neighbours(at, copy, 1.0), 1.0, 3), exact, atol=1e-12)

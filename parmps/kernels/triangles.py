@@ -12,7 +12,7 @@ def sample_distance(triangles, low, step, shape, band):
     """Signed distance from a surface at the nodes of a grid, positive inside, cut off at ``band``.
 
     The size is that to the nearest triangle. A line along z (which is moved off the nodes a little, so as not to hit
-    edges) enters the inside where it crosses a triangle from its front, and leaves it where it crosses one from its back.
+    edges) enters the inside where it crosses a triangle from its front and leaves where it does so from its back.
 
     Parameters
     ----------
