@@ -15,6 +15,8 @@ from parmps.stl import read_surface
 
 TOLERANCE = 1e-9  # relative; forgives the rounding of decimal input such as 0.1 + 0.2
 MAX_POINTS = 1e12  # thousands of times what anyone has computed
+SHORTEST = 1e-9
+"""Shortest interval of results in runs: times are rounded to 12 digits (`run.Schedule`), and steps lie between."""
 OUT_OF_PLANE = ("sway", "yaw")
 UNITS = {"mm": 1e-3, "cm": 1e-2, "in": 0.0254, "ft": 0.3048}
 """Lengths in m that surfaces are drawn in by mistake."""
@@ -44,6 +46,18 @@ def check_job(job):
         _check_motion(job, item, f"motion[{number}]")
     _check_probes(job)
     _check_scheme(job)
+    _check_intervals(job)
+
+
+def _check_intervals(job):
+    shortest = SHORTEST * job.time.end
+    for name in ("particles_every", "probes_every", "checkpoint_every"):
+        every = getattr(job.output, name)
+        if every < shortest:
+            raise InputError(
+                f"output.{name}",
+                f"got {every:g} s, must be at least {shortest:g} s, {SHORTEST:g} of time.end: times have 12 digits",
+            )
 
 
 def _check_tank(job):
