@@ -8,6 +8,11 @@ import math
 import numpy as np
 
 from parmps.checks import TOLERANCE, total_depth
+from parmps.openings import narrow_openings
+from parmps.stl import read_surface
+
+LARGEST = 500.0
+"""Length beyond which a tank looks wrong, m: longer than any ship."""
 
 
 def cautions(job):
@@ -21,7 +26,20 @@ def cautions(job):
     -------
     list of str
     """
-    return [*_resolution_cautions(job), *_frequency_cautions(job), *_value_cautions(job)]
+    return [*_tank_cautions(job), *_resolution_cautions(job), *_frequency_cautions(job), *_value_cautions(job)]
+
+
+def _tank_cautions(job):
+    if max(job.tank.size) > LARGEST:
+        yield f"tank.size: {max(job.tank.size):g} m is longer than any tank; is it in mm?"
+    if job.tank.shape == "stl":
+        yield from (f"tank.surface: {remark}" for remark in read_surface(job.tank.surface).remarks)
+
+    for key, what, width in narrow_openings(job):
+        yield (
+            f"{key}: {what} is {width:.4g} m wide or less, {width / job.spacing:.2g} spacings; below 2 spacings little "
+            "or no liquid flows through"
+        )
 
 
 def _resolution_cautions(job):

@@ -9,13 +9,18 @@ from scipy.optimize import brentq
 from parmps.errors import InputError
 from parmps.fields import nearest
 from parmps.hull import build_hull
-from parmps.mesh import read_surface
+from parmps.mesh import Mesh
 from parmps.motion import read_motion_file
+from parmps.stl import read_surface
 
 TOLERANCE = 1e-9  # relative; forgives the rounding of decimal input such as 0.1 + 0.2
 MAX_POINTS = 1e12  # thousands of times what anyone has computed
 COLUMN_POINTS = 401  # of a gauge's column, where a tank that is no box may have room for liquid
+SHORTEST = 1e-9
+"""Shortest interval of results in runs: times are rounded to 12 digits (`run.Schedule`), and steps lie between."""
 OUT_OF_PLANE = ("sway", "yaw")
+UNITS = {"mm": 1e-3, "cm": 1e-2, "in": 0.0254, "ft": 0.3048}
+"""Lengths in m that surfaces are drawn in by mistake."""
 UPPER = {"bottom": "top", "left": "right"}
 """Keys of a baffle's ends."""
 
@@ -43,6 +48,18 @@ def check_job(job):
         _check_motion(job, item, f"motion[{number}]")
     _check_probes(job)
     _check_scheme(job)
+    _check_intervals(job)
+
+
+def _check_intervals(job):
+    shortest = SHORTEST * job.time.end
+    for name in ("particles_every", "probes_every", "checkpoint_every"):
+        every = getattr(job.output, name)
+        if every < shortest:
+            raise InputError(
+                f"output.{name}",
+                f"got {every:g} s, must be at least {shortest:g} s, {SHORTEST:g} of time.end: times have 12 digits",
+            )
 
 
 def _check_tank(job):
@@ -78,10 +95,11 @@ def _check_surface(tank):
         raise InputError("tank.surface", "missing; shape: stl needs the path of a surface")
     extent = read_surface(tank.surface).extents
     if np.abs(extent - tank.size).max() > 0.01 * max(tank.size):
+        unit = next((name for name, long in UNITS.items() if np.allclose(extent * long, tank.size, rtol=0.01)), None)
         raise InputError(
             "tank.size",
             f"got {list(tank.size)}, but {tank.surface} is {' x '.join(f'{side:.4g}' for side in extent)} m large; "
-            "the file must be in m",
+            f"the file must be in m{f' and is in {unit}' if unit else ''}",
         )
 
 
@@ -365,7 +383,9 @@ def _check_inside(job, point, key):
     if hull is None:
         return
     at = np.array([point[-hull.dimension :]])
-    if hull.distance(at)[0][0] < -hull.rounding:
+    # a few points do not need the samples, which may be larger than the memory at this spacing
+    gap = hull.exact_distance(at)[0] if isinstance(hull, Mesh) else hull.distance(at)[0][0]
+    if gap < -hull.rounding:
         raise InputError(key, f"got {list(point)} m, which lies outside the tank's {job.tank.shape}")
 
 

@@ -116,6 +116,9 @@ def _run_parser():
     parser.add_argument("--out", metavar="DIR", help="output directory, instead of the job's")
     parser.add_argument("--restart", metavar="DIR", help="continue from that run's checkpoint, there or in --out")
     parser.add_argument(
+        "--force", action="store_true", help="run even if more memory or disk is needed than this machine has"
+    )
+    parser.add_argument(
         "--wall-limit",
         metavar="TIME",
         type=wall_time,
@@ -321,17 +324,12 @@ def _check_restart(directory):
         raise InputError("command line", f"--restart {directory}: there is no checkpoint.h5 to continue from")
 
 
-def _plan(job, arguments, domain):
-    from parmps.planning import plan_text
-
+def _on_main(domain, action):
+    """Do something on rank 0 alone; its error is raised on all ranks."""
     error = None
     if domain.rank == 0:
         try:
-            print(plan_text(job, domain))
-            if arguments.png:
-                from parmps.figures.start import draw_plan
-
-                print(f"\nThe particles at the start are drawn in {draw_plan(job, arguments.png)}")
+            action()
         except ParmpsError as problem:
             error = problem
     error = domain.share(error)
@@ -339,10 +337,36 @@ def _plan(job, arguments, domain):
         raise error
 
 
+def _plan(job, arguments, domain):
+    from parmps.planning import plan_text
+
+    def tell():
+        print(plan_text(job, domain))
+        if arguments.png:
+            from parmps.figures.start import draw_plan
+
+            print(f"\nThe particles at the start are drawn in {draw_plan(job, arguments.png)}")
+
+    _on_main(domain, tell)
+
+
+def _check_machine(job, domain, directory, goes_on):
+    from parmps.output import RESULT_FILES
+    from parmps.planning import check_machine
+
+    here, kept = domain.ranks_here(), 0
+    if goes_on:
+        files = [os.path.join(directory, name) for name in RESULT_FILES]
+        kept = sum(512 * os.stat(file).st_blocks for file in files if os.path.exists(file))
+    _on_main(domain, lambda: check_machine(job, domain.size, here, directory, kept))
+
+
 def _run(job, arguments, domain):
     from parmps.run import Run
 
     directory = arguments.out or arguments.restart or job.output.directory
+    if not arguments.force:
+        _check_machine(job, domain, directory, arguments.restart is not None)
     with Interrupt(arguments.wall_limit) as interrupt:
         run = Run(job, domain, directory, arguments.restart, interrupt)
         try:

@@ -135,6 +135,18 @@ class Domain:
             clock.sleep(0.001)
         return True
 
+    def ranks_here(self):
+        """Number of ranks on this rank's machine; collective.
+
+        Returns
+        -------
+        int
+        """
+        here = self.comm.Split_type(MPI.COMM_TYPE_SHARED)
+        count = here.size
+        here.Free()
+        return count
+
     def abort(self, status):
         """End all ranks at once, because this one cannot go on.
 

@@ -1,4 +1,4 @@
-"""Hulls from closed surfaces of triangles: STL files, which trimesh reads."""
+"""Hulls from closed surfaces of triangles."""
 
 import functools
 import os
@@ -8,59 +8,21 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from parmps.errors import InputError
-from parmps.kernels.triangles import sample_distance
+from parmps.kernels.packing import pick_apart
+from parmps.kernels.triangles import exact_distance, sample_distance
 from parmps.kernels.walls import Walls, distances
 from parmps.packing import RENEW, SHARE, STEPS, asymmetry, neighbours
 from parmps.shell import Shell
+from parmps.stl import read_surface
 
 BAND = 7.0
 """Distance from the surface that is sampled, in spacings: wall and dummy layers for a reach of 5 on one side."""
 FINENESS = 2
 """Nodes of the sampled distance per spacing."""
+ASIDE = 1e-7
+"""How far from a point the line is that tells whether it is inside, in sizes of the tank."""
 FIRST_GAP = 0.83
 """Least distance of points picked at random so that they are one spacing apart in the mean, in spacings."""
-
-
-def read_surface(path):
-    """Read a closed surface.
-
-    Parameters
-    ----------
-    path : str
-
-    Returns
-    -------
-    trimesh.Trimesh
-        Moved so that the box around it begins at the origin; normals point outwards.
-
-    Raises
-    ------
-    InputError
-        There is no such file, it is no surface, or the surface is not closed; or trimesh is not installed.
-    """
-    if not os.path.isfile(path):
-        raise InputError("tank.surface", f"{path}: no such file")
-    return _read(path, os.path.getmtime(path))
-
-
-@functools.lru_cache(maxsize=4)
-def _read(path, _changed):
-    try:
-        import trimesh
-    except ImportError:
-        raise InputError("tank.surface", "needs trimesh, which is not installed: pip install trimesh") from None
-    try:
-        surface = trimesh.load_mesh(path, file_type="stl")
-    except (ValueError, IndexError, KeyError, OSError, UnicodeDecodeError, trimesh.exchange.stl.HeaderError) as error:
-        raise InputError("tank.surface", f"{path}: not an STL file: {error}") from None
-    if not isinstance(surface, trimesh.Trimesh) or len(surface.faces) < 4:
-        raise InputError("tank.surface", f"{path}: has no triangles of a surface")
-    if not (surface.is_watertight and surface.is_winding_consistent):
-        raise InputError("tank.surface", f"{path}: must be closed, with all triangles turned the same way")
-    surface.apply_translation(-surface.bounds[0])
-    if surface.volume < 0.0:
-        surface.invert()
-    return surface
 
 
 def load_hull(path, spacing):
@@ -82,7 +44,7 @@ def load_hull(path, spacing):
 
 @functools.lru_cache(maxsize=2)
 def _load(path, _changed, spacing):
-    return Mesh(np.array(read_surface(path).triangles), spacing)
+    return Mesh(read_surface(path).triangles, spacing)
 
 
 @dataclass(frozen=True)
@@ -108,11 +70,14 @@ class Mesh:
 
     @functools.cached_property
     def sampled(self):
-        """Walls that hold the sampled distance alone."""
+        """Walls that hold the sampled distance alone; an InputError where the surface crosses itself."""
         step = self.spacing / FINENESS
         low = self.triangles.min(axis=(0, 1)) - BAND * self.spacing
         shape = np.ceil((self.triangles.max(axis=(0, 1)) + BAND * self.spacing - low) / step).astype(int) + 1
-        field = sample_distance(self.triangles, low, step, tuple(int(n) for n in shape), BAND * self.spacing)
+        field, odd = sample_distance(self.triangles, low, step, tuple(int(n) for n in shape), BAND * self.spacing)
+        if odd[3]:
+            place = ", ".join(f"{x:.4g}" for x in low + step * odd[:3])
+            raise InputError("tank.surface", f"crosses itself: [{place}] m is inside it {odd[3]} times, not 0 or 1")
         return Walls(np.array([[-np.inf] * 3, [np.inf] * 3]), field=field, frame=np.append(low, step))
 
     def content_below(self, level):
@@ -131,6 +96,11 @@ class Mesh:
         """Distance from the wall and its normal, as of a `Polygon`."""
         return distances(np.ascontiguousarray(point, dtype=float), self.sampled)
 
+    def exact_distance(self, point):
+        """Distance of a few points from the wall: to every triangle, without samples."""
+        point = np.ascontiguousarray(point, dtype=float)
+        return exact_distance(point, self.triangles, ASIDE * float(self.triangles.max()))
+
     def shell(self, depth, spacing):
         """Points on a surface outside: picked at random with a least distance, then moved until they are even."""
         walls = self.sampled
@@ -148,26 +118,22 @@ class Mesh:
         for turn in range(STEPS):
             if turn % RENEW == 0:
                 pairs = neighbours(at, at, spacing)
-            at = self._onto(at + spacing * SHARE * asymmetry(at, at, pairs, spacing, 2), depth)
+            at = self._onto(at + spacing * SHARE * asymmetry(at, at, pairs, spacing, 2), depth, 1)
+        at = self._onto(at, depth)
         _, normal = self.distance(at)
         side = self.triangles[:, 1:] - self.triangles[:, :1]
         own = 0.5 * np.linalg.norm(np.cross(side[:, 0], side[:, 1]), axis=1).sum()
         return Shell(at, at + depth * normal, normal, -normal * own / len(at))
 
-    def _onto(self, point, depth):
-        for _ in range(3):
+    def _onto(self, point, depth, turns=3):
+        """Move points to where the distance is minus the depth, by so many steps of Newton's method."""
+        for _ in range(turns):
             gap, normal = self.distance(point)
             point = point - (gap + depth)[:, None] * normal
         return point
 
 
 def _apart(point, gap):
-    """Pick points, in their order, that are no nearer to each other than a gap: numbers."""
-    near = cKDTree(point).query_ball_point(point, gap)
-    free = np.ones(len(point), bool)
-    picked = []
-    for i in range(len(point)):
-        if free[i]:
-            picked.append(i)
-            free[near[i]] = False
-    return picked
+    """Pick points, in their order, that are no nearer to each other than a gap: (n,) bool."""
+    pairs = np.sort(cKDTree(point).query_pairs(gap, output_type="ndarray"), axis=1)
+    return pick_apart(len(point), np.ascontiguousarray(pairs[np.argsort(pairs[:, 0], kind="stable")]))

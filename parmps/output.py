@@ -41,6 +41,11 @@ POINT_DATA = {
 ``type`` is 0 for fluid, 1 for wall and 2 for dummy particles; ``velocity`` is in m/s, ``pressure`` in Pa.
 """
 
+POINT_BYTES = 24 + sum(np.dtype(dtype).itemsize * int(np.prod(shape)) for dtype, shape in POINT_DATA.values())
+"""Of a particle in a frame."""
+FRAME_BYTES = 24
+"""Of a frame without particles: its time, its number of parts, and its first point."""
+
 _PAGE = 4096
 _COPY_BYTES = 1 << 24
 _UNSET_COUNT = 0x5EA0_C0DE_0B5E_55ED
@@ -420,15 +425,14 @@ def _length_word(page, header_at, length):
 
 def _lay_out_steps(steps, points, frames):
     """Say where each frame lies: its points and point data move on, the topology is shared."""
-    zeros = np.zeros(frames, "<i8")
-    first_points = np.arange(frames, dtype="<i8") * points
-    steps["NumberOfParts"] = zeros + 1
-    steps["PartOffsets"] = zeros
-    steps["PointOffsets"] = first_points
-    for name in ("CellOffsets", "ConnectivityIdOffsets"):
-        steps[name] = np.zeros((frames, 4), "<i8")
+    steps["NumberOfParts"] = np.ones(frames, "<i8")
+    steps["PointOffsets"] = np.arange(frames, dtype="<i8") * points
+    # zeros, which take no space where they are not written
+    for name, shape in {"PartOffsets": (), "CellOffsets": (4,), "ConnectivityIdOffsets": (4,)}.items():
+        create_dataset(steps, name, (frames, *shape), "<i8")
+    offsets = steps.create_group("PointDataOffsets")
     for name in POINT_DATA:
-        steps[f"PointDataOffsets/{name}"] = first_points
+        offsets[name] = steps["PointOffsets"]  # the same data under another name
 
 
 def _lay_out_points(group, points, frames):

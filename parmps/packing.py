@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from parmps.kernels.weight import lattice, weight
+from parmps.kernels.packing import sum_asymmetry
+from parmps.kernels.weight import lattice
 
 ROUNDING = 1e-6
 """In spacings; forgives the rounding of decimal input."""
@@ -211,11 +212,12 @@ def neighbours(position, other, spacing):
     Returns
     -------
     (2, k) int64
-        Numbers of the points, and of the others.
+        Numbers of the points, and of the others; where these are the same array, each pair once.
     """
     reach = (REACH + MARGIN) * spacing
+    if other is position:
+        return cKDTree(position).query_pairs(reach, output_type="ndarray").T
     near = cKDTree(position).sparse_distance_matrix(cKDTree(other), reach, output_type="ndarray")
-    near = near[near["v"] > 0.0]
     return np.stack([near["i"], near["j"]])
 
 
@@ -236,9 +238,5 @@ def asymmetry(position, other, pairs, spacing, dimension):
     -------
     (n, d) float64
     """
-    i, j = pairs
-    away = position[i] - other[j]
-    r = np.maximum(np.linalg.norm(away, axis=1), 1e-3 * spacing)
-    w = np.maximum(weight.py_func(r / spacing, REACH), 0.0)
-    away *= (dimension / lattice(dimension, REACH).density * w / r)[:, None]
-    return np.stack([np.bincount(i, along, len(position)) for along in away.T], axis=1)
+    scale = dimension / lattice(dimension, REACH).density
+    return sum_asymmetry(position, other, pairs, spacing, REACH, scale, other is position)

@@ -5,11 +5,14 @@ import math
 import numpy as np
 
 from parmps import waves
+from parmps.errors import InputError
 from parmps.expectation import changed_settings, error_class, expected_cost, expected_errors, read_table
-from parmps.hull import build_hull
+from parmps.hull import build_hull, hull_axes
 from parmps.kernels.weight import lattice
 from parmps.liquids import Liquids
+from parmps.machine import available_memory, free_disk
 from parmps.motion import Motion
+from parmps.output import FRAME_BYTES, POINT_BYTES
 from parmps.particles import PARTICLE_BYTES
 from parmps.simulation import (
     CAPILLARY_STEP,
@@ -36,6 +39,13 @@ HIERARCHY = 3.0
 and what their making takes for a moment (graph, prolongation, triple product). Measured as what the peak has beside the
 rest: with it the sum is within 3 % of the 3D tank's at 18, 12 and 6 mm, 51 000 to 994 000 particles, on one and two
 ranks."""
+CELL_BYTES, PAIRED_BYTES, WALL_BYTES = 250.0, 16e3, 400.0
+"""Memory while particles are placed, which every rank takes whole: of a point of the lattice in a tank that no lattice
+fits, of a wall particle of such a tank in 3D, whose neighbours are moved until they are even, and of any wall particle.
+Above what was measured for balls and cubes of 30 and 50 spacings, by a tenth to three tenths."""
+SIGNAL_BYTES, TIME_BYTES = 14, 20
+"""Of a number and of a time in probes.csv."""
+REFUSED = "more than there is: a run on this machine alone is refused without --force"
 SAMPLES = 400
 """Times at which the motion is looked at."""
 
@@ -54,17 +64,24 @@ def plan_text(job, domain):
     str
         Several lines, for people.
     """
-    layers, most = wall_layers(job.scheme), ROUND_CELLS if job.tank.shape in ("sphere", "stl") else EXACT_CELLS
+    layers, most = wall_layers(job.scheme), ROUND_CELLS if _placed_whole(job) else EXACT_CELLS
     exact = math.prod(job.tank.size) / job.spacing**job.dimension <= most
     counts, spacing = count_particles(job, job.scheme.wall, layers) if exact else estimate_particles(job, layers)
     lines = [f"{job.title or 'untitled job'}: {job.dimension}D, {domain.size} rank(s), scheme {job.scheme.preset}"]
     lines += ["", "Particles" if exact else "Particles (an estimate)", *_particle_lines(counts, spacing, exact)]
     lines += ["", "Memory (an estimate)", *_memory_lines(job, counts, domain.size)]
+    lines += ["", "Disk (an estimate)", *_disk_lines(job, counts)]
     steps = step_estimate(job, spacing)
     lines += ["", "Time steps (an estimate)", *_step_lines(job, steps)]
     lines += ["", "Accuracy and cost (by the trade study)", *_trade_lines(job, counts, spacing, steps)]
     lines += ["", "Stages of a step", *_stage_lines(make_plan(job, domain.size))]
     return "\n".join(lines)
+
+
+def _placed_whole(job):
+    """Whether all particles are placed to count them: the tank is no box, and is straight along no axis."""
+    hull = build_hull(job.tank, job.spacing)
+    return hull is not None and hull.dimension == job.dimension
 
 
 def _table(rows):
@@ -193,12 +210,19 @@ def _work_bytes(job):
 def _memory_lines(job, counts, ranks):
     parts = memory_estimate(job, counts, ranks)
     each = sum(parts.values())
+    placing = placing_estimate(job, counts)
     rows = [(name, _bytes(size)) for name, size in parts.items()]
+    if placing > each - parts["program"]:
+        each = placing + parts["program"]
+        rows.append(("placing the particles, before all but the program", _bytes(placing)))
+    available = available_memory() or math.inf
     rows += [("a rank", _bytes(each)), (f"all {ranks} rank(s)", _bytes(ranks * each))]
+    rows.append(("available on this machine", _bytes(available)))
     reach = max(job.scheme.radius, job.scheme.laplacian_radius)
     near = lattice(job.dimension, reach).neighbours
     return [
         *_table(rows),
+        *[f"  {REFUSED}"] * (ranks * each > available),
         f"  from the sizes of all fields, {near} neighbours within {reach:g} l0 on the lattice,",
         f"  a square or cube of particles a rank, and {HIERARCHY:g} matrices for the making of the hierarchy",
     ]
@@ -206,6 +230,122 @@ def _memory_lines(job, counts, ranks):
 
 def _bytes(size):
     return f"{size / 1e6:>12.1f} MB"
+
+
+def placing_estimate(job, counts):
+    """Estimate the memory in which every rank places the particles, before it has its share of them.
+
+    Parameters
+    ----------
+    job : Job
+    counts : dict of str to int
+        As in `count_particles`.
+
+    Returns
+    -------
+    float
+        Bytes.
+    """
+    hull, size = build_hull(job.tank, job.spacing), WALL_BYTES * (counts["wall"] + counts["dummy"])
+    if hull is None:
+        return size
+    size += CELL_BYTES * math.prod(job.tank.size[a] / job.spacing for a in _sides(hull, job))
+    return size + PAIRED_BYTES * counts["wall"] * (hull.dimension == 3)
+
+
+def _sides(hull, job):
+    """Numbers in `tank.size` of a hull's axes."""
+    return [min(axis, job.dimension - 1) for axis in hull_axes(hull, job.dimension)]
+
+
+def disk_estimate(job, counts):
+    """Estimate the disk that the results take.
+
+    Parameters
+    ----------
+    job : Job
+    counts : dict of str to int
+        As in `count_particles`.
+
+    Returns
+    -------
+    dict of str to float
+        Bytes by file. While a checkpoint is written, the last one is still there.
+    """
+    samples, frames = (
+        math.ceil(job.time.end / every * (1.0 - 1e-12)) + 1
+        for every in (job.output.probes_every, job.output.particles_every)
+    )
+    columns = sum(6 * (1 + len(job.tank.baffles)) if probe.kind == "force" else 1 for probe in job.probes)
+    return {
+        "particles.vtkhdf": frames * (float(POINT_BYTES) * counts["total"] + FRAME_BYTES),
+        "probes.csv": samples * float(TIME_BYTES + SIGNAL_BYTES * columns),
+        "checkpoint.h5": 2.0 * PARTICLE_BYTES * counts["total"],
+    }
+
+
+def _disk_lines(job, counts):
+    parts = disk_estimate(job, counts)
+    free = free_disk(job.output.directory)
+    rows = [*((name, _bytes(size)) for name, size in parts.items()), ("all", _bytes(sum(parts.values())))]
+    return [*_table([*rows, ("free", _bytes(free))]), *[f"  {REFUSED}"] * (sum(parts.values()) > free)]
+
+
+def needs(job, ranks):
+    """Estimate what a run takes of a machine, without placing a particle.
+
+    Parameters
+    ----------
+    job : Job
+    ranks : int
+
+    Returns
+    -------
+    memory : float
+        Bytes of each rank.
+    disk : dict of str to float
+        As in `disk_estimate`.
+    """
+    counts, _ = estimate_particles(job, wall_layers(job.scheme))
+    parts = memory_estimate(job, counts, ranks)
+    run = sum(parts.values()) - parts["program"]
+    return parts["program"] + max(run, placing_estimate(job, counts)), disk_estimate(job, counts)
+
+
+def check_machine(job, ranks, ranks_here, directory, kept):
+    """Refuse a run that takes more than the machine has, before it takes anything.
+
+    Parameters
+    ----------
+    job : Job
+    ranks, ranks_here : int
+        Of the run, and of those on this machine.
+    directory : path-like
+        Of the results.
+    kept : float
+        Bytes of results that are there already and go on.
+
+    Raises
+    ------
+    InputError
+    """
+    each, disk = needs(job, ranks)
+    available = available_memory()
+    if available is not None and ranks_here * each > available:
+        raise InputError(
+            "spacing",
+            f"got {job.spacing:g} m, with which the run takes about {ranks_here * each / 1e9:.3g} GB of memory for "
+            f"{ranks_here} rank(s) on this machine; {available / 1e9:.3g} GB are available. --force runs it all the "
+            "same",
+        )
+    free, largest = free_disk(directory) + kept, max(disk, key=disk.get)
+    if sum(disk.values()) > free:
+        intervals = {"particles.vtkhdf": "output.particles_every", "probes.csv": "output.probes_every"}
+        raise InputError(
+            intervals.get(largest, "spacing"),
+            f"the results take about {sum(disk.values()) / 1e9:.3g} GB of disk, {largest} {disk[largest] / 1e9:.3g} GB "
+            f"of it; {directory} has {free / 1e9:.3g} GB. --force runs it all the same",
+        )
 
 
 # Time steps

@@ -23,6 +23,7 @@ from parmps.interrupt import Interrupt, reason
 from parmps.loader import job_text
 from parmps.output import ParticleFile, ProbeTable, prepare_directory, write_json
 from parmps.particles import FIELDS, FLUID
+from parmps.planning import needs
 from parmps.pressure import petsc_version
 from parmps.probes import build_probes
 from parmps.report import Compilation, RunLog, advice, command_line, timer_table
@@ -332,6 +333,8 @@ class Run:
             f"{s.totals['fluid']} fluid and {s.totals['total'] - s.totals['fluid']} boundary particles, "
             f"spacing {s.l0:g} m, {self.domain.size} rank(s), scheme {self.job.scheme.preset}"
         )
+        memory, disk = needs(self.job, self.domain.size)
+        line(f"about {memory / 1e6:.3g} MB of memory a rank and {sum(disk.values()) / 1e6:.3g} MB of disk")
         for warning in self.warnings:  # which the command line has shown before it placed the particles
             self.log.note(f"warning: {warning}")
 

@@ -125,7 +125,8 @@ class Tank(Section):
     chamfer: Chamfer | None = setting("chamfers of a prism", default=None)
     surface: InputPath | None = setting(
         "STL file of a closed surface in m, relative to the job file; it is moved so that the box around it begins "
-        "at the origin",
+        "at the origin. Shells that overlap or touch are united; one inside another, turned the other way round, is "
+        "a solid in the tank",
         default=None,
     )
     baffles: Annotated[tuple[Baffle, ...], Field(max_length=100)] = setting(

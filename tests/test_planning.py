@@ -2,14 +2,18 @@
 
 import math
 import time
+from pathlib import Path
 
 import pytest
 
 from parmps.domain import Domain
+from parmps.errors import InputError
 from parmps.expectation import error_class, expected_cost, expected_errors, interpolate, read_table
 from parmps.figures.start import draw_plan
 from parmps.loader import load_job, parse_job
-from parmps.planning import estimate_particles, plan_text
+from parmps.machine import available_memory
+from parmps.output import POINT_BYTES, ParticleFile
+from parmps.planning import check_machine, disk_estimate, estimate_particles, needs, plan_text
 from parmps.simulation import Simulation
 from parmps.tank import count_particles
 
@@ -127,3 +131,75 @@ def test_the_plan_tells_what_the_study_measured():
     cost = expected_cost(table, "balanced", 2, 2500)
     assert math.isfinite(cost.value) and cost.value > 0.0
     assert "ksp_rtol" in plan_text(load_job("jobs/sloshing.yaml", ["scheme.ksp_rtol=1e-6"]), Domain())
+
+
+def limit(monkeypatch, memory, disk):
+    monkeypatch.setattr("parmps.planning.available_memory", lambda: memory)
+    monkeypatch.setattr("parmps.planning.free_disk", lambda directory: disk)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (["output.particles_every=3.5e-7"], "output.particles_every: the results take about .* GB of disk"),
+        (["output.probes_every=1e-8"], "output.probes_every: the results take about .* probes.csv"),
+        (["spacing=2e-5"], "spacing: got 2e-05 m, with which the run takes about .* GB of memory for 2 rank"),
+    ],
+)
+def test_what_exceeds_the_machine_is_refused_at_once(monkeypatch, changes, message):
+    limit(monkeypatch, 4e9, 4e9)
+    start = time.process_time()
+    with pytest.raises(InputError, match=f"{message}.*--force"):
+        check_machine(load_job("jobs/sloshing.yaml", changes), 2, 2, "out", 0)
+    assert time.process_time() - start < 1.0
+    check_machine(load_job("jobs/sloshing.yaml"), 2, 2, "out", 0)
+
+
+def test_the_plan_says_that_a_run_would_be_refused(monkeypatch):
+    job = load_job("jobs/sloshing.yaml")
+    limit(monkeypatch, 4e9, 4e9)
+    assert "refused" not in plan_text(job, Domain())
+    limit(monkeypatch, 1e8, 1e6)
+    assert plan_text(job, Domain()).count("refused without --force") == 2
+
+
+@pytest.mark.parametrize("name", ["particles_every", "probes_every", "checkpoint_every"])
+@pytest.mark.parametrize("every", ["1e-300", "3e-12"])
+def test_intervals_that_times_cannot_tell_apart_are_refused(name, every):
+    with pytest.raises(InputError, match=rf"output.{name}: got .* s, must be at least 3.5e-09 s, 1e-09 of time.end"):
+        load_job("jobs/sloshing.yaml", [f"output.{name}={every}"])
+
+
+def test_the_disk_that_results_take_and_many_frames_take_none_before_they_are_written(tmp_path):
+    job = load_job("jobs/sloshing.yaml", ["spacing=0.02"])
+    counts, _ = count_particles(job, "half")
+    path, frames = tmp_path / "particles.vtkhdf", 36
+    ParticleFile.create(path, counts["total"], frames, {})
+    frame = counts["total"] * POINT_BYTES
+    assert path.stat().st_size == pytest.approx(frames * frame, rel=0.05)
+    assert disk_estimate(job, counts)["particles.vtkhdf"] == pytest.approx(frames * frame, rel=0.01)
+    ParticleFile.create(path, 1000, 100_000, {})
+    assert 512 * path.stat().st_blocks < 3e6 < 6e9 < path.stat().st_size
+
+
+def test_the_memory_of_placing_is_part_of_what_a_run_needs():
+    text = "dimension: 3\nspacing: 0.02\ntank: {{{}}}\nfluids: [{{name: w, fill: 0.5}}]\ntime: {{end: 1}}"
+    box = needs(parse_job(text.format("size: [1, 1, 1]")), 64)[0]
+    ball = needs(parse_job(text.format("shape: sphere, size: [1, 1, 1]")), 64)[0]
+    assert ball - 258e6 > 158e6 > box - 258e6  # as measured for the ball: every rank places all
+
+
+def test_memory_is_the_least_that_the_system_and_control_groups_leave(monkeypatch, tmp_path):
+    group = tmp_path / "memory" / "jobs" / "mine"
+    group.mkdir(parents=True)
+    for place, most in ((group, 3_000_000_000), (group.parent, 2_000_000_000)):
+        (place / "memory.limit_in_bytes").write_text(f"{most}\n")
+        (place / "memory.usage_in_bytes").write_text("1500000000\n")
+        (place / "memory.stat").write_text("cache 5\ntotal_inactive_file 400000000\n")
+    monkeypatch.setattr("parmps.machine.CGROUPS", tmp_path)
+    read = {"/proc/meminfo": "MemAvailable: 8000000 kB\n", "/proc/self/cgroup": "4:memory:/jobs/mine\n"}
+    real = Path.read_text
+    monkeypatch.setattr(Path, "read_text", lambda path: read.get(str(path)) or real(path))
+    assert available_memory() == 900_000_000
+    read["/proc/self/cgroup"] = "4:memory:/elsewhere\n0::/\n"
+    assert available_memory() == 8_192_000_000

@@ -65,8 +65,8 @@ def test_a_jet_leaves_the_edge_of_a_block(start):
 def test_liquid_follows_a_floor_that_falls_faster_than_it(start, tmp_path):
     """No air is at the floor: the air's pressure on the surface, which is the zero of the pressure, holds it there.
 
-    The tank falls with 1.5 g. Liquid that came off the floor would be 8.8 mm above it after 0.06 s. The surface, which is
-    then unstable (Rayleigh and Taylor), opens along the side walls: there is air.
+    The tank falls with 1.5 g. Liquid that came off the floor would be 8.8 mm above it after 0.06 s. The surface, which
+    is then unstable (Rayleigh and Taylor), opens along the side walls: there is air.
     """
     record, time = tmp_path / "fall.csv", np.linspace(0.0, 0.12, 25)
     rows = [f"{t:.17g},{-0.75 * G * t * t:.17g}" for t in time]

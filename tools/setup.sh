@@ -9,7 +9,7 @@ level=${1:-run}
 # MPI, PETSc and HDF5 come from Debian, built for each other; the rest from the Python package index.
 packages=(make openmpi-bin python3-venv python3-mpi4py python3-petsc4py python3-h5py)
 declare -A imports=([run]='matplotlib.pyplot, numba, parmps.figures.command, parmps.run, scipy.stats')
-imports[test]="${imports[run]}, pytest, xdist.plugin, hypothesis, vtk, trimesh"
+imports[test]="${imports[run]}, pytest, xdist.plugin, hypothesis, vtk, trimesh, manifold3d"
 python=/usr/bin/python3 # Debian's own: its packages serve no other Python on the PATH
 
 fail() {

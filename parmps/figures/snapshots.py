@@ -5,10 +5,10 @@ import numpy as np
 from parmps.errors import InputError
 from parmps.figures.results import read_frame, read_job, read_times
 from parmps.figures.style import FLUID_COLOURS, SOLID, WIDTH, new_figure, set_title
-from parmps.mesh import read_surface
 from parmps.motion import Motion
 from parmps.particles import FLUID
 from parmps.slabs import output_errors
+from parmps.stl import read_surface
 
 FIELDS = ("pressure", "speed", "fluid", "surface")
 SCALE_FRAMES = 20
@@ -145,9 +145,14 @@ def _outline(job, across):
 
 def _cut_surface(path, across):
     """Edges (n, 2, 3), m, at which a slice cuts a surface of triangles."""
-    from trimesh.intersections import mesh_plane
-
-    return mesh_plane(read_surface(path), [0.0, 1.0, 0.0], [0.0, across, 0.0])
+    triangles = read_surface(path).triangles
+    above = triangles[:, :, 1] > across
+    cut = triangles[above.any(axis=1) & ~above.all(axis=1)]
+    above = cut[:, :, 1] > across
+    alone = np.where(above.sum(axis=1) == 1, above.argmax(axis=1), above.argmin(axis=1))
+    tip, *others = (cut[np.arange(len(cut)), (alone + k) % 3] for k in range(3))
+    share = [((across - tip[:, 1]) / (other[:, 1] - tip[:, 1]))[:, None] for other in others]
+    return np.stack([tip + s * (other - tip) for s, other in zip(share, others, strict=True)], axis=1)
 
 
 def _spans(job, baffle, across):

@@ -11,13 +11,13 @@ from parmps.kernels.compiled import compiled
 def sample_distance(triangles, low, step, shape, band):
     """Signed distance from a surface at the nodes of a grid, positive inside, cut off at ``band``.
 
-    The size is that to the nearest triangle, the sign the parity of the crossings of a line along z (which is
-    moved off the nodes a little, so as not to hit edges).
+    The size is that to the nearest triangle. A line along z (which is moved off the nodes a little, so as not to hit
+    edges) enters the inside where it crosses a triangle from its front and leaves where it does so from its back.
 
     Parameters
     ----------
     triangles : (m, 3, 3) float64, m
-        Corners.
+        Corners, counter-clockwise seen from outside.
     low : (3,) float64, m
         First node.
     step : float, m
@@ -26,10 +26,13 @@ def sample_distance(triangles, low, step, shape, band):
 
     Returns
     -------
-    (shape) float32, m
+    field : (shape) float32, m
+    odd : (4,) int64
+        A node that is inside more than once, or less than not at all, and how often it is; of a surface that does not
+        cross itself, all 0.
     """
     nearest = np.full(shape, np.float32(band * band))
-    inside = np.zeros(shape, np.bool_)
+    entered = np.zeros(shape, np.int16)
     first, last = np.empty(3, np.int64), np.empty(3, np.int64)
     for t in triangles:
         for a in range(3):
@@ -38,37 +41,74 @@ def sample_distance(triangles, low, step, shape, band):
             last[a] = min(int(math.floor((upper + band - low[a]) / step)) + 1, shape[a])
         for i in range(first[0], last[0]):
             for j in range(first[1], last[1]):
-                _flip_above(t, low, step, i, j, inside)
+                _enter_above(t, low, step, i, j, entered)
                 for k in range(first[2], last[2]):
                     d2 = _distance2(low[0] + i * step, low[1] + j * step, low[2] + k * step, t)
                     nearest[i, j, k] = min(nearest[i, j, k], np.float32(d2))
-    field = np.sqrt(nearest)
+    field, odd = np.sqrt(nearest), np.zeros(4, np.int64)
     for i in range(shape[0]):
         for j in range(shape[1]):
-            within = False
+            within = 0
             for k in range(shape[2]):
-                within ^= inside[i, j, k]
-                if not within:
+                within += entered[i, j, k]
+                if within <= 0:
                     field[i, j, k] = -field[i, j, k]
-    return field
+                if within != 0 and within != 1:
+                    odd[:] = i, j, k, within
+    return field, odd
 
 
 @compiled
-def _flip_above(t, low, step, i, j, inside):
-    """Mark the first node above the place where a line along z crosses a triangle."""
-    x, y = low[0] + (i + 1.37e-5) * step, low[1] + (j + 2.71e-5) * step
+def exact_distance(points, triangles, aside):
+    """Signed distance of points from a surface, positive inside, measured to every triangle.
+
+    Parameters
+    ----------
+    points : (n, 3) float64, m
+    triangles : (m, 3, 3) float64, m
+        As in `sample_distance`.
+    aside : float, m
+        How far a line along z is moved off a point, so as not to hit edges.
+
+    Returns
+    -------
+    (n,) float64, m
+    """
+    found = np.empty(len(points))
+    for n in range(len(points)):
+        x, y, z = points[n, 0], points[n, 1], points[n, 2]
+        nearest, within = np.inf, 0
+        for t in triangles:
+            nearest = min(nearest, _distance2(x, y, z, t))
+            at, way = _crossing(t, x + 1.37 * aside, y + 2.71 * aside)
+            if way != 0 and at <= z:
+                within += way
+        found[n] = math.sqrt(nearest) if within > 0 else -math.sqrt(nearest)
+    return found
+
+
+@compiled
+def _enter_above(t, low, step, i, j, entered):
+    """Count, at the first node above it, the place where a line along z enters or leaves through a triangle."""
+    z, way = _crossing(t, low[0] + (i + 1.37e-5) * step, low[1] + (j + 2.71e-5) * step)
+    if way != 0:
+        k = max(int(math.ceil((z - low[2]) / step)), 0)
+        if k < entered.shape[2]:
+            entered[i, j, k] += way
+
+
+@compiled
+def _crossing(t, x, y):
+    """Height at which a line along z crosses a triangle, and whether it enters (1), leaves (-1) or misses it (0)."""
     ax, ay, bx, by = t[1, 0] - t[0, 0], t[1, 1] - t[0, 1], t[2, 0] - t[0, 0], t[2, 1] - t[0, 1]
     area = ax * by - ay * bx
     if area == 0.0:
-        return
+        return 0.0, 0
     u = ((x - t[0, 0]) * by - (y - t[0, 1]) * bx) / area
     v = (ax * (y - t[0, 1]) - ay * (x - t[0, 0])) / area
     if u < 0.0 or v < 0.0 or u + v > 1.0:
-        return
-    z = t[0, 2] + u * (t[1, 2] - t[0, 2]) + v * (t[2, 2] - t[0, 2])
-    k = max(int(math.ceil((z - low[2]) / step)), 0)
-    if k < inside.shape[2]:
-        inside[i, j, k] ^= True
+        return 0.0, 0
+    return t[0, 2] + u * (t[1, 2] - t[0, 2]) + v * (t[2, 2] - t[0, 2]), 1 if area < 0.0 else -1
 
 
 @compiled
