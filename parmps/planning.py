@@ -8,6 +8,7 @@ from parmps import waves
 from parmps.expectation import changed_settings, error_class, expected_cost, expected_errors, read_table
 from parmps.hull import build_hull
 from parmps.kernels.weight import lattice
+from parmps.level import starts_level
 from parmps.liquids import Liquids
 from parmps.motion import Motion
 from parmps.particles import PARTICLE_BYTES
@@ -54,7 +55,8 @@ def plan_text(job, domain):
     str
         Several lines, for people.
     """
-    layers, most = wall_layers(job.scheme), ROUND_CELLS if job.tank.shape in ("sphere", "stl") else EXACT_CELLS
+    packed = job.tank.shape in ("sphere", "stl") or starts_level(job)
+    layers, most = wall_layers(job.scheme), ROUND_CELLS if packed else EXACT_CELLS
     exact = math.prod(job.tank.size) / job.spacing**job.dimension <= most
     counts, spacing = count_particles(job, job.scheme.wall, layers) if exact else estimate_particles(job, layers)
     lines = [f"{job.title or 'untitled job'}: {job.dimension}D, {domain.size} rank(s), scheme {job.scheme.preset}"]
