@@ -9,6 +9,7 @@ from scipy.optimize import brentq
 from parmps.errors import InputError
 from parmps.fields import nearest
 from parmps.hull import build_hull
+from parmps.level import upwards
 from parmps.mesh import Mesh
 from parmps.motion import read_motion_file
 from parmps.stl import read_surface
@@ -46,6 +47,8 @@ def check_job(job):
     _check_interfaces(job)
     for number, item in enumerate(job.motion):
         _check_motion(job, item, f"motion[{number}]")
+    if job.initial.kind == "standing_wave" and upwards(job) is not None:
+        raise InputError("initial.kind", "a standing wave needs a tank that is upright at the start (motion)")
     _check_probes(job)
     _check_scheme(job)
     _check_intervals(job)

@@ -9,6 +9,7 @@ from parmps.errors import InputError
 from parmps.expectation import changed_settings, error_class, expected_cost, expected_errors, read_table
 from parmps.hull import build_hull, hull_axes
 from parmps.kernels.weight import lattice
+from parmps.level import starts_level
 from parmps.liquids import Liquids
 from parmps.machine import available_memory, free_disk
 from parmps.motion import Motion
@@ -79,9 +80,9 @@ def plan_text(job, domain):
 
 
 def _placed_whole(job):
-    """Whether all particles are placed to count them: the tank is no box, and is straight along no axis."""
+    """Whether all particles are placed to count them: the tank is tilted, or no box and straight along no axis."""
     hull = build_hull(job.tank, job.spacing)
-    return hull is not None and hull.dimension == job.dimension
+    return starts_level(job) or (hull is not None and hull.dimension == job.dimension)
 
 
 def _table(rows):

@@ -187,10 +187,22 @@ class Fluid(Section):
     surface_tension: Number = setting("surface tension at the free surface", "N/m", 0.0, ge=0, le=100)
 
 
-class Rest(Kind):
-    """Liquid at rest in the earth frame."""
+class Level(Kind):
+    """Liquid at rest in the earth frame, its layers level there."""
 
-    kind: Literal["rest"] = setting("liquid at rest", default="rest")
+    kind: Literal["level", "rest"] = setting(
+        "liquid at rest; the surface of each layer is level on the earth, however the motion tilts the tank at the "
+        "start, and has the volume below it that it has in the upright tank; rest means the same",
+        default="level",
+    )
+
+
+class Upright(Kind):
+    """Liquid at rest in the earth frame, as it would lie in the upright tank."""
+
+    kind: Literal["upright"] = setting(
+        "liquid at rest, its layers parallel to the bottom of the tank, even where the motion tilts it at the start"
+    )
 
 
 class StandingWave(Kind):
@@ -228,7 +240,7 @@ class InitialFile(Kind):
     path: InputPath = setting("HDF5 file, relative to the job file")
 
 
-Initial = _union(Rest, StandingWave, UniformVelocity, InitialFile)
+Initial = _union(Level, Upright, StandingWave, UniformVelocity, InitialFile)
 
 
 def _expand_kind(value):
@@ -415,8 +427,8 @@ class Job(Section):
         "the liquids, bottom layer first"
     )
     initial: Annotated[
-        Initial, BeforeValidator(_expand_kind, json_schema_input_type=Literal["rest"] | Initial)
-    ] = setting("state at the start; rest is short for {kind: rest}", default=Rest())
+        Initial, BeforeValidator(_expand_kind, json_schema_input_type=Literal["level", "rest", "upright"] | Initial)
+    ] = setting("state at the start; level is short for {kind: level}", default=Level())
     interfaces: Annotated[tuple[Interface, ...], Field(max_length=100)] = setting(
         "interfaces between fluids", default=()
     )

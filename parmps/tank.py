@@ -12,6 +12,7 @@ from parmps import waves
 from parmps.errors import InputError
 from parmps.kernels.walls import distances
 from parmps.lattice import ROUNDING, Geometry, build_geometry, distance_to_box
+from parmps.level import arrange_level, hull_contents, starts_level
 from parmps.packing import BAND, CLEARANCE, REACH, pack, pack_around
 from parmps.particles import DUMMY, FLUID, WALL
 
@@ -78,7 +79,7 @@ def place(job, wall, part=0, parts=1, layers=3):
 
     A share is a range of ids, and liquid is numbered along x last, so that it is a slab of the tank. Only the
     wall particles, few beside the liquid, are all held for a moment by each caller; of a tank that is no box,
-    also the points of its cross-section, or where it is not straight along x, of all its inside.
+    also the points of its cross-section, or where it is not straight along x, or tilted, of all its inside.
 
     Parameters
     ----------
@@ -97,27 +98,29 @@ def place(job, wall, part=0, parts=1, layers=3):
     Raises
     ------
     InputError
-        The spacing does not fit the tank, no liquid fits, or liquids overlap.
+        The spacing does not fit the tank, no liquid fits, liquids overlap, or they would run out of a tilted tank.
     """
     geometry = build_geometry(job, wall, layers)
     walls = _place_walls(geometry)
     read = _read_initial(job, geometry) if job.initial.kind == "file" else None
     moved = None if read else _moved(job, geometry, walls["position"])
-    counts = np.bincount(read["fluid"], minlength=len(job.fluids)) if read else _count_fluids(job, geometry, moved)
+    whole = _place_level(job, geometry, walls["position"], moved) if starts_level(job) else read
+    counts = np.bincount(whole["fluid"], minlength=len(job.fluids)) if whole else _count_fluids(job, geometry, moved)
     total_fluid = int(counts.sum())
     if total_fluid == 0:
         raise InputError("fluids", f"no particle fits at the spacing of {job.spacing:g} m")
     total = total_fluid + len(walls["kind"])
     start, stop = total * part // parts, total * (part + 1) // parts
     share = range(min(start, total_fluid), min(stop, total_fluid))
-    if read:
-        liquid = {name: read[name][share.start : share.stop] for name in ("position", "fluid")}
+    if whole:
+        liquid = {name: whole[name][share.start : share.stop] for name in ("position", "fluid")}
     else:
         liquid = _place_fluids(job, geometry, share, moved)
     n = len(liquid["fluid"])
-    volume = np.array(
-        [_filled_volume(job, geometry, k, count) / max(count, 1) for k, count in enumerate(counts)]
-    )
+    contents = whole.get("content") if whole else None
+    if contents is None:
+        contents = [_filled_volume(job, geometry, k, count) for k, count in enumerate(counts)]
+    volume = np.array(contents) / np.maximum(counts, 1)
     cut = slice(max(start - total_fluid, 0), max(stop - total_fluid, 0))
     walls = {name: values[cut] for name, values in walls.items()}
     m = len(walls["kind"])
@@ -443,6 +446,29 @@ def _count_fluids(job, geometry, moved):
         layers, size, _ = _sites(job, geometry)
         return np.bincount(layers, minlength=len(job.fluids)) * (size // len(layers))
     return sum(np.bincount(fluid, minlength=len(job.fluids)) for _, fluid in _chunks(job, geometry, moved))
+
+
+def _place_level(job, geometry, walls, moved):
+    """All liquid of a tank that is tilted: layers with level surfaces, and regions where they are in the tank.
+
+    Position and fluid as in `Placement`, and the volume of each liquid.
+    """
+    layers = [number for number, fluid in enumerate(job.fluids) if fluid.region is None]
+    regions = [(np.empty((0, 3)), np.empty(0, np.int8))]
+    if len(layers) < len(job.fluids):
+        for position, fluid in _chunks(job, geometry, moved):
+            own = ~np.isin(fluid, layers)
+            regions.append((position[own], fluid[own]))
+    within, region = (np.concatenate(arrays) for arrays in zip(*regions, strict=True))
+    level = arrange_level(job, geometry, walls, within)
+    position = np.concatenate([level.position, within])
+    fluid = np.concatenate([np.array(layers)[level.layer], region]).astype(np.int8)
+    order = np.argsort(position[:, 0], kind="stable")
+    counts = np.bincount(fluid, minlength=len(job.fluids))
+    content = [_filled_volume(job, geometry, k, count) for k, count in enumerate(counts)]
+    if geometry.hull is not None and not len(within):
+        content = hull_contents(job, geometry)
+    return {"position": position[order], "fluid": fluid[order], "content": content}
 
 
 def _place_fluids(job, geometry, share, moved):

@@ -70,7 +70,7 @@ def test_defaults():
     assert job.gravity == 9.8
     assert job.tank.lid is True
     assert job.tank.shape == "box"
-    assert job.initial.kind == "rest"
+    assert job.initial.kind == "level"
     assert job.fluids[0].density == 1000.0
     assert job.time.cfl is None
     assert job.courant == job.scheme.courant == 0.4
@@ -167,7 +167,7 @@ def test_jobs_are_immutable():
             "fluids[0].region.box[1][0]: got 0.9, must be inside the tank: 0 to 0.8 (m)",
         ),
         (["fluids", 0], {"name": "w", "region": {"box": [[0.2, 0], [0.1, 0.1]]}}, "corner must be the lower"),
-        (["initial"], "rst", "initial.kind: got 'rst', must be one of rest, standing_wave"),
+        (["initial"], "rst", "initial.kind: got 'rst', must be one of level, rest, upright, standing_wave"),
         (
             ["initial"],
             {"kind": "standing_wave", "amplitude": 0.1, "mode": 1.5},
