@@ -23,7 +23,15 @@ import h5py
 import numpy as np
 
 from parmps.errors import InputError, OutputError
-from parmps.slabs import create_dataset, output_errors, sync_directory, write_at
+from parmps.slabs import (
+    create_dataset,
+    create_file,
+    open_regular,
+    output_errors,
+    sync_directory,
+    temporary_name,
+    write_at,
+)
 
 FORMAT_VERSION = 3
 """Raised whenever a file of the earlier layout could not be continued."""
@@ -34,6 +42,8 @@ FREE_KEYS = ("time.end", "output")
 _MISSING = "nothing"
 _USER_BLOCK = 512
 _TITLE = "parmps checkpoint"
+_OWN = os.O_RDWR | os.O_NOFOLLOW
+"""How a file that this module made is opened again."""
 
 
 @dataclass(frozen=True)
@@ -90,8 +100,9 @@ def create(path, arrays, total, slabs, attributes):
     stops = [0, *(stop for _, stop in slabs)]
     if [start for start, _ in slabs] != stops[:-1] or stops[-1] != total or sorted(stops) != stops:
         raise ValueError(f"slabs {slabs} do not cover {total} rows in order")
-    temporary = _temporary(path)
+    temporary = temporary_name(path)
     with output_errors(path), _removed_on_error(path):
+        create_file(temporary)
         with h5py.File(temporary, "w", userblock_size=_USER_BLOCK) as file:
             group = file.create_group("arrays")
             places = {
@@ -109,7 +120,7 @@ def create(path, arrays, total, slabs, attributes):
             text = json.dumps(asdict(header)).encode()
             place = create_dataset(file, "header", (len(text),), np.uint8).id.get_offset()
         line = f"{_TITLE} {FORMAT_VERSION} {place} {len(text)} {zlib.crc32(text)}\n"
-        with open(temporary, "r+b", buffering=0) as file:
+        with open(open_regular(temporary, _OWN), "r+b", buffering=0) as file:
             write_at(file.fileno(), text, place)
             write_at(file.fileno(), line.encode(), 0)
 
@@ -133,7 +144,7 @@ def write_slab(path, index, arrays):
     ValueError
         If the arrays are not those that `create` was told.
     """
-    temporary = _temporary(path)
+    temporary = temporary_name(path)
     header = read_header(temporary)
     start, stop = header.slabs[index]
     slab = {name: np.ascontiguousarray(arrays[name]) for name in header.arrays}
@@ -142,7 +153,7 @@ def write_slab(path, index, arrays):
         found, wanted = (slab[name].dtype.str, slab[name].shape), (dtype, (stop - start, *shape))
         if found != wanted:
             raise ValueError(f"{name} is {found}, not {wanted}")
-    with output_errors(path), open(temporary, "r+b", buffering=0) as file:
+    with output_errors(path), open(open_regular(temporary, _OWN), "r+b", buffering=0) as file:
         for name, rows in slab.items():
             if rows.size:
                 write_at(file.fileno(), rows, header.places[name] + start * (rows.nbytes // len(rows)))
@@ -164,7 +175,7 @@ def commit(path):
         If it cannot be renamed.
     """
     with output_errors(path):
-        os.replace(_temporary(path), path)
+        os.replace(temporary_name(path), path)
         sync_directory(Path(path).parent)
 
 
@@ -177,7 +188,7 @@ def discard(path):
         As given to `create`.
     """
     with contextlib.suppress(OSError):
-        _temporary(path).unlink(missing_ok=True)
+        temporary_name(path).unlink(missing_ok=True)
 
 
 def share_slabs(slabs, ranks, rank):
@@ -219,7 +230,7 @@ def read_header(path):
     OutputError
         If it is missing, truncated or altered.
     """
-    with output_errors(path), open(path, "rb") as file:
+    with output_errors(path), open(open_regular(path), "rb") as file:
         return _parse_header(path, file)
 
 
@@ -245,7 +256,7 @@ def read_slabs(path, indices):
     OutputError
         If it is missing, truncated or altered; the message names the array and the slab.
     """
-    with output_errors(path), open(path, "rb") as file:
+    with output_errors(path), open(open_regular(path), "rb") as file:
         header = _parse_header(path, file)
         width = len(header.arrays)
         sums = _read_rows(file, "<u4", len(header.slabs) * width, header.sums_place)
@@ -309,11 +320,6 @@ def _differences(before, now, key):
             yield from _differences(one, other, f"{key}[{index}]")
     else:
         yield key, before, now
-
-
-def _temporary(path):
-    """Return the name that a checkpoint has until it is committed."""
-    return Path(path).with_name(Path(path).name + ".tmp")
 
 
 @contextlib.contextmanager

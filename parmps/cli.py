@@ -14,6 +14,7 @@ from parmps.checks import job_warnings
 from parmps.errors import InputError, ParmpsError
 from parmps.interrupt import Interrupt
 from parmps.loader import load_job
+from parmps.report import say
 from parmps.scene import Job
 from parmps.schema import json_schema, schema_markdown, schema_table
 
@@ -114,12 +115,18 @@ def _run_parser():
     parser.add_argument("--version", action="version", version=f"parmps {__version__}")
     _add_job(parser)
     parser.add_argument("--out", metavar="DIR", help="output directory, instead of the job's")
-    parser.add_argument("--restart", metavar="DIR", help="continue from that run's checkpoint, there or in --out")
+    parser.add_argument(
+        "--restart",
+        metavar="DIR",
+        type=run_directory,
+        help="continue from that run's checkpoint, DIR/checkpoint.h5, there or in --out",
+    )
     parser.add_argument(
         "--wall-limit",
         metavar="TIME",
         type=wall_time,
-        help="stop with a checkpoint after this wall time: seconds, MM:SS or HH:MM:SS; leave time for a checkpoint",
+        help="stop with a checkpoint after this wall time: seconds, MM:SS, HH:MM:SS or D-HH:MM:SS; leave time for a "
+        "checkpoint",
     )
     return parser
 
@@ -176,7 +183,7 @@ def wall_time(text):
     Parameters
     ----------
     text : str
-        Seconds, ``MM:SS`` or ``HH:MM:SS``.
+        Seconds, ``MM:SS``, ``HH:MM:SS``, or with days ``D-HH``, ``D-HH:MM`` or ``D-HH:MM:SS``.
 
     Returns
     -------
@@ -188,12 +195,32 @@ def wall_time(text):
     argparse.ArgumentTypeError
         If it is none of these.
     """
-    if not re.fullmatch(r"\d{1,9}(\.\d*)?|(\d{1,6}:)?\d{1,6}:\d{1,2}", text, re.ASCII):
-        raise argparse.ArgumentTypeError(f"got '{text}', must be seconds, MM:SS or HH:MM:SS")
+    days, dash, rest = text.rpartition("-")
+    pattern = r"\d{1,2}(:\d{1,2}){0,2}" if dash else r"\d{1,9}(\.\d*)?|(\d{1,6}:)?\d{1,6}:\d{1,2}"
+    if not (re.fullmatch(r"\d{1,6}" if dash else "", days, re.ASCII) and re.fullmatch(pattern, rest, re.ASCII)):
+        raise argparse.ArgumentTypeError(f"got '{text}', must be seconds, MM:SS or HH:MM:SS, or D-HH:MM:SS with days")
+    parts = rest.split(":")
+    if dash:
+        parts += ["0"] * (3 - len(parts))
     seconds = 0.0
-    for part in text.split(":"):
+    for part in parts:
         seconds = 60.0 * seconds + float(part)
-    return seconds
+    return 86400.0 * float(days or 0.0) + seconds
+
+
+def run_directory(text):
+    """Directory of the run that is meant.
+
+    Parameters
+    ----------
+    text : str
+        The directory, or the checkpoint in it.
+
+    Returns
+    -------
+    str
+    """
+    return (os.path.dirname(text) or ".") if os.path.basename(text) == "checkpoint.h5" else text
 
 
 def _arguments(words):
@@ -203,8 +230,18 @@ def _arguments(words):
     return "run", _run_parser().parse_args(words)
 
 
+def _open_standard_streams():
+    """Give those that were closed at the start a file that takes all, so that no result takes their numbers."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # the lowest number that is free
+
+
 def main():
     """Run the command line and exit with its status."""
+    _open_standard_streams()
     if sys.argv[1:2] and sys.argv[1] in ALONE:
         sys.exit(_main_alone())
     from parmps.domain import Domain
@@ -234,7 +271,7 @@ def main():
             # the reader of the output, such as `head`, has seen enough; nor must the exit write any more to it
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return
-        print(f"parmps: rank {domain.rank} failed:\n{traceback.format_exc()}", file=sys.stderr, flush=True)
+        say(f"parmps: rank {domain.rank} failed:\n{traceback.format_exc()}", sys.stderr)
         domain.abort(4)
 
 
@@ -251,7 +288,7 @@ def _main_alone():
 
 
 def _tell(problem):
-    print(f"parmps: {problem.title}: {problem}", file=sys.stderr, flush=True)
+    say(f"parmps: {problem.title}: {problem}", sys.stderr)
 
 
 def _print_schema(arguments):
@@ -302,7 +339,7 @@ def _prepare(domain):
                 job = load_job(arguments.job, arguments.set)
                 _check_restart(getattr(arguments, "restart", None))
                 for warning in job_warnings(job):
-                    print(f"parmps: warning: {warning}", file=sys.stderr, flush=True)
+                    say(f"parmps: warning: {warning}", sys.stderr)
             result = command, arguments, job, None
         except ParmpsError as problem:
             result = None, None, None, problem

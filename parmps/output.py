@@ -23,7 +23,7 @@ import h5py
 import numpy as np
 
 from parmps.errors import OutputError
-from parmps.slabs import create_dataset, output_errors, write_at
+from parmps.slabs import create_dataset, make_directory, open_regular, output_errors, replacing, write_at
 
 RESULT_FILES = ("probes.csv", "particles.vtkhdf", "checkpoint.h5", "run.json", "run.log")
 """The files of an output directory."""
@@ -66,27 +66,30 @@ def prepare_directory(path, restart):
         If something else is in the way, or if the directory cannot be written.
     """
     path = Path(path)
-    with output_errors(path):
-        for place in (path, path / "previous"):
-            if os.path.exists(place) and not place.is_dir():
-                raise OutputError(place, "is in the way: not a directory")
-        path.mkdir(parents=True, exist_ok=True)
-        # Asking for permissions is not enough: root, network and read-only file systems answer otherwise.
-        with tempfile.TemporaryFile(dir=path):
-            pass
+    make_directory(path)
+    previous = path / "previous"
+    if previous.is_symlink() or (previous.exists() and not previous.is_dir()):
+        raise OutputError(previous, "is in the way: not a directory")
+    with output_errors(path), tempfile.TemporaryFile(dir=path):
+        pass  # asking for permissions is not enough: root, network and read-only file systems answer otherwise
     for name in RESULT_FILES:
-        if (path / name).is_dir():
-            raise OutputError(path / name, "a directory is in the way of a result file")
+        found = path / name
+        if found.is_dir():
+            raise OutputError(found, "a directory is in the way of a result file")
+        if os.path.exists(found) and not found.is_file():
+            raise OutputError(found, "is in the way of a result file: not a regular file")
+        if restart and found.is_symlink() and not found.exists():
+            raise OutputError(found, "is in the way of a result file: a link to nothing")
     if restart:
         return
-    earlier = [path / name for name in RESULT_FILES if (path / name).exists()]
+    earlier = [path / name for name in RESULT_FILES if os.path.lexists(path / name)]
     if earlier:
-        with output_errors(path / "previous"):
-            (path / "previous").mkdir(exist_ok=True)
+        with output_errors(previous):
+            previous.mkdir(exist_ok=True)
             for name in RESULT_FILES:
-                (path / "previous" / name).unlink(missing_ok=True)
+                (previous / name).unlink(missing_ok=True)
             for file in earlier:
-                os.replace(file, path / "previous" / file.name)
+                os.replace(file, previous / file.name)
 
 
 def write_text(path, text):
@@ -104,19 +107,10 @@ def write_text(path, text):
     OutputError
         If it cannot be written; an earlier file stays as it was.
     """
-    path = Path(path)
-    temporary = path.with_name(path.name + ".tmp")
-    with output_errors(path):
-        try:
-            with open(temporary, "w", encoding="utf-8") as file:
-                file.write(text)
-                file.flush()
-                os.fsync(file.fileno())
-            os.replace(temporary, path)
-        except OSError:
-            with contextlib.suppress(OSError):
-                temporary.unlink(missing_ok=True)
-            raise
+    with output_errors(path), replacing(path) as temporary, open(temporary, "w", encoding="utf-8") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
 
 
 def write_json(path, content):
@@ -173,7 +167,7 @@ class ParticleFile:
                 self._offsets = {name: group["PointData"][name].id.get_offset() for name in POINT_DATA}
                 self._offsets["position"] = group["Points"].id.get_offset()
                 committed = int(group["Steps"].attrs["NSteps"])
-            self._descriptor = os.open(self.path, os.O_RDWR)
+            self._descriptor = open_regular(self.path, os.O_RDWR)
         if committed != self.frames:
             self.close()
             raise OutputError(self.path, "is damaged, or was rewritten by another program")
@@ -202,16 +196,8 @@ class ParticleFile:
         """
         if points < 1 or frames < 1:
             raise ValueError(f"{points} particles and {frames} frames")
-        path = Path(path)
-        temporary = path.with_name(path.name + ".tmp")
-        with output_errors(path):
-            try:
-                _lay_out(temporary, points, frames, attributes)
-                os.replace(temporary, path)
-            except Exception:
-                with contextlib.suppress(OSError):
-                    temporary.unlink(missing_ok=True)
-                raise
+        with output_errors(path), replacing(path) as temporary:
+            _lay_out(temporary, points, frames, attributes)
 
     @classmethod
     def resume(cls, path, points, frames, time):
@@ -471,7 +457,7 @@ class ProbeTable:
         self.path = Path(path)
         self.columns = tuple(columns)
         with output_errors(self.path):
-            self._descriptor = os.open(self.path, os.O_WRONLY | os.O_APPEND)
+            self._descriptor = open_regular(self.path, os.O_WRONLY | os.O_APPEND)
 
     @classmethod
     def create(cls, path, columns):

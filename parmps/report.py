@@ -29,6 +29,33 @@ SECONDS_BETWEEN_LINES = 5.0
 _BAR_FORMAT = "{percentage:3.0f}%|{bar}| {n:.3f}/{total:g} s simulated, {postfix}"
 
 
+def say(text, stream):
+    """Print a line where it can be printed; a reader that is gone, or a full disk, is no reason to end.
+
+    Parameters
+    ----------
+    text : str
+    stream : file or None
+        Standard output or standard error. What cannot take the text takes no more: its descriptor leads nowhere then,
+        so that the exit of the program has nothing to complain about either.
+
+    Returns
+    -------
+    str or None
+        Why it could not be printed.
+    """
+    if stream is None:
+        return None
+    try:
+        print(text, file=stream, flush=True)
+    except OSError as error:
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, stream.fileno())
+        os.close(nowhere)
+        return error.strerror
+    return None
+
+
 class RunLog:
     """The log of a run and its progress.
 
@@ -64,7 +91,9 @@ class RunLog:
         if self._bar is not None:
             self._bar.write(text, file=sys.stdout)
         else:
-            print(text, flush=True)
+            problem = say(text, sys.stdout)
+            if problem is not None:
+                self._log(f"The standard output takes no more ({problem}): the run goes on, and tells this file alone.")
 
     def start(self, time, end):
         """Begin to show progress.

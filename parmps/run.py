@@ -17,9 +17,10 @@ from numba.core.event import install_listener
 
 import parmps
 from parmps import checkpoint
-from parmps.errors import DivergedError, OutputError, StoppedError
+from parmps.errors import DivergedError, OutputError, ParmpsError, StoppedError
 from parmps.interrupt import Interrupt, reason
 from parmps.loader import job_text
+from parmps.lock import DirectoryLock
 from parmps.output import ParticleFile, ProbeTable, prepare_directory, write_json
 from parmps.particles import FIELDS, FLUID
 from parmps.pressure import petsc_version
@@ -94,15 +95,27 @@ class Run:
         self.job, self.domain, self.interrupt = job, domain, interrupt or Interrupt()
         self.directory = Path(directory)
         self.main = domain.rank == 0
+        self._lock = None
         self.simulation = Simulation(job, domain)
         self.probes = build_probes(job, self.simulation.geometry)
         self.loads = any(probe.kind == "force" for probe in job.probes)
+        in_place = restart is not None and self.directory.resolve() == Path(restart).resolve()
+        try:
+            self._begin(restart, in_place)
+        except ParmpsError:
+            self._release()
+            raise
+
+    def _begin(self, restart, in_place):
+        if in_place:
+            self._hold()
         if restart is not None:
             self._read_checkpoint(Path(restart) / "checkpoint.h5")
-        in_place = restart is not None and self.directory.resolve() == Path(restart).resolve()
+        if not in_place:  # a checkpoint that is refused leaves no directory behind
+            self._hold()
         self._on_main(lambda: prepare_directory(self.directory, in_place))
         self.log = self._on_main(lambda: RunLog(self.directory / "run.log", _watched()))
-        end, out = job.time.end, job.output
+        end, out = self.job.time.end, self.job.output
         self.samples = Schedule(out.probes_every, end)
         self.frames = Schedule(out.particles_every, end)
         self.saves = Schedule(out.checkpoint_every, end)
@@ -112,13 +125,21 @@ class Run:
         self._seconds_of_results = 0.0
         self._good = self.simulation.snapshot()
 
+    def _hold(self):
+        """Take the directory, which another run may have."""
+        self._lock = self._on_main(lambda: DirectoryLock(self.directory))
+
+    def _release(self):
+        if self._lock is not None:
+            self._lock.release()
+
     def _on_main(self, action):
         """Do something on rank 0 alone; its error, if any, is raised on all ranks."""
         result = error = None
         if self.main:
             try:
                 result = action()
-            except OutputError as problem:
+            except ParmpsError as problem:
                 error = problem
         error = self.domain.share(error)
         if error is not None:
@@ -353,6 +374,7 @@ class Run:
         if self.main:
             self.table.close()
             self.log.close()
+            self._release()
 
     def record(self):
         """What run.json holds; collective.
@@ -410,8 +432,8 @@ class Run:
 
 
 def _watched():
-    """Whether a person watches: the standard output is a terminal, and so is that of mpirun, which passes it on."""
-    if not sys.stdout.isatty():
+    """Whether a person watches: both outputs are a terminal, and so is that of mpirun, which passes them on."""
+    if not all(stream is not None and stream.isatty() for stream in (sys.stdout, sys.stderr)):
         return False
     try:
         return os.readlink(f"/proc/{os.getppid()}/fd/1").startswith(("/dev/pts/", "/dev/tty"))

@@ -191,15 +191,26 @@ def test_a_good_run_writes_all_results(job, tmp_path, ranks):
     assert "Traceback" not in done.stderr
 
 
-@pytest.mark.parametrize(("text", "seconds"), [("90", 90.0), ("1.5", 1.5), ("2:30", 150.0), ("23:50:00", 85800.0)])
+WALL_TIMES = {
+    "90": 90.0, "1.5": 1.5, "2:30": 150.0, "23:50:00": 85800.0, "1-00:00:00": 86400.0, "2-1:30": 178200.0,
+    "7-12": 648000.0,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "seconds"), WALL_TIMES.items())
 def test_wall_times(text, seconds):
     assert cli.wall_time(text) == seconds
 
 
-@pytest.mark.parametrize("text", ["", "-1", "1h", "1:2:3:4", "1:234", "nan", "١"])
+@pytest.mark.parametrize("text", ["", "-1", "1h", "1:2:3:4", "1:234", "nan", "١", "1-", "1-2-3", "1-1.5", "-1-2:00:00"])
 def test_bad_wall_times(text):
     with pytest.raises(argparse.ArgumentTypeError, match="must be seconds, MM:SS or HH:MM:SS"):
         cli.wall_time(text)
+
+
+def test_a_checkpoint_names_its_directory():
+    for text, directory in {"out/a": "out/a", "out/a/checkpoint.h5": "out/a", "checkpoint.h5": "."}.items():
+        assert cli.run_directory(text) == directory
 
 
 def test_schema_and_help(tmp_path, here):
@@ -259,7 +270,8 @@ def test_restart_elsewhere_with_other_output(job, tmp_path):
         if not out:
             shutil.copytree(source, tmp_path / "copy")
             source = tmp_path / "copy"
-        done = parmps(tmp_path, job, "--restart", source.name, *out, *more)
+        named = source.name if out else f"{source.name}/checkpoint.h5"
+        done = parmps(tmp_path, job, "--restart", named, *out, *more)
         assert done.returncode == 0, done.stderr
         moment, _ = last_frame((tmp_path / "second" if out else source) / "particles.vtkhdf")
         assert moment == 2 * end

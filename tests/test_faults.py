@@ -7,6 +7,7 @@ import os
 import random
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -21,6 +22,7 @@ from parmps.domain import Domain
 from parmps.errors import ParmpsError
 from parmps.interrupt import WALL_LIMIT, Interrupt, reason
 from parmps.loader import parse_job
+from parmps.lock import LOCK_FILE, DirectoryLock
 from parmps.run import Run
 
 KILLS = int(os.environ.get("PARMPS_KILLS", "8"))
@@ -37,8 +39,10 @@ def go(directory, restart=False, wall_limit=None, overrides=DENSE):
     with contextlib.suppress(ParmpsError), Interrupt(wall_limit) as interrupt:
         try:
             run = Run(job, Domain(), directory, directory if restart else None, interrupt)
-            run.go()
-            run.close()
+            try:
+                run.go()
+            finally:
+                run.close()
         except ParmpsError as error:
             print(error, file=sys.stderr)
             status = error.exit_status
@@ -113,10 +117,7 @@ def test_a_kill_at_any_moment_costs_no_more_than_the_time_since_the_checkpoint(t
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGUSR1])
 def test_a_signal_ends_a_run_with_a_checkpoint_of_its_last_step(tmp_path, number, capfd):
     child = start(tmp_path, overrides=["time.end=50"])
-    until = time.monotonic() + 20.0
-    while not (tmp_path / "probes.csv").exists() or len((tmp_path / "probes.csv").read_text().splitlines()) < 4:
-        assert time.monotonic() < until
-        time.sleep(0.01)
+    until_it_writes(tmp_path)
     os.kill(child.pid, number)
     child.join(10)
     assert child.exitcode == 5
@@ -176,6 +177,56 @@ def test_what_is_in_the_way_is_refused_and_earlier_results_stay(tmp_path, unbrok
     assert "run.log: a directory is in the way" in capfd.readouterr().err
     (unbroken / "run.log").rmdir()
     assert final_state(unbroken) == before
+
+
+def until_it_writes(directory):
+    until = time.monotonic() + 20.0
+    while not (directory / "probes.csv").exists() or len((directory / "probes.csv").read_text().splitlines()) < 4:
+        assert time.monotonic() < until
+        time.sleep(0.01)
+
+
+def test_a_second_run_in_a_directory_is_refused_and_the_first_goes_on(tmp_path, capfd):
+    child = start(tmp_path, overrides=["time.end=50"])
+    until_it_writes(tmp_path)
+    before = {path.name: path.stat().st_ino for path in tmp_path.iterdir() if path.name != "run.json"}
+    assert finish(tmp_path) == 4
+    assert capfd.readouterr().err.splitlines()[-1] == (
+        f"{tmp_path}: another run writes here: process {child.pid} on {socket.gethostname()}"
+    )
+    assert child.exitcode is None
+    assert {name: (tmp_path / name).stat().st_ino for name in before} == before
+    os.kill(child.pid, signal.SIGKILL)
+    child.join()
+    assert finish(tmp_path, wall_limit=0.0) == 5  # the lock ended with its owner
+    assert not (tmp_path / LOCK_FILE).exists()
+
+
+def test_a_lock_that_is_removed_while_another_waits_is_noticed(tmp_path):
+    """Who opened the file before its owner removed it locks a file that nobody else will find."""
+    owner = DirectoryLock(tmp_path)
+    take, owners = DirectoryLock._take, [owner]
+
+    def after_its_owner(lock):
+        if owners:
+            owners.pop().release()
+        take(lock)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(DirectoryLock, "_take", after_its_owner)
+        lock = DirectoryLock(tmp_path)
+    assert os.path.samestat(os.fstat(lock._descriptor), (tmp_path / LOCK_FILE).stat())
+    lock.release()
+
+
+@pytest.mark.parametrize("where", ["2>&1 | head -1", ">&- 2>&-"])
+def test_a_run_that_nobody_listens_to_goes_on(tmp_path, where):
+    (tmp_path / "job.yaml").write_text(JOB)
+    command = f"set -o pipefail; {sys.executable} -m parmps job.yaml {where}"
+    done = subprocess.run(["bash", "-c", command], cwd=tmp_path, env=ENVIRONMENT, capture_output=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert json.loads((tmp_path / "out" / "run.json").read_text())["status"] == "done"
+    assert "Results are in" in (tmp_path / "out" / "run.log").read_text()
 
 
 def test_vtk_reads_every_step_array_and_value_of_a_run(unbroken):

@@ -15,6 +15,7 @@ import h5py
 import numpy as np
 import pytest
 
+from parmps import checkpoint
 from parmps.errors import OutputError
 from parmps.output import POINT_DATA, ParticleFile, ProbeTable, prepare_directory, write_json
 
@@ -343,6 +344,38 @@ def test_what_is_in_the_way_is_named_and_kept(tmp_path):
     with pytest.raises(OutputError, match="run.log: a directory is in the way"):
         prepare_directory(tmp_path / "results", restart=False)
     assert (tmp_path / "results" / "probes.csv").read_text() == "kept"
+
+
+def test_links_are_not_followed(tmp_path):
+    """Names that a run makes anew, some of them for a moment: what a link of that name leads to stays as it is."""
+    victim = tmp_path / "victim"
+    victim.write_text("mine")
+    names = ("probes.csv", "particles.vtkhdf", "checkpoint.h5", "run.json")
+    for name in names:
+        (tmp_path / f"{name}.tmp").symlink_to(victim)
+    (tmp_path / "run.log").symlink_to(tmp_path / "not there")
+    prepare_directory(tmp_path, restart=False)
+    assert (tmp_path / "previous" / "run.log").is_symlink()
+    ProbeTable.create(tmp_path / "probes.csv", COLUMNS).close()
+    ParticleFile.create(tmp_path / "particles.vtkhdf", POINTS, 6, {})
+    write_json(tmp_path / "run.json", {})
+    checkpoint.create(tmp_path / "checkpoint.h5", {}, 0, [], {})
+    checkpoint.commit(tmp_path / "checkpoint.h5")
+    assert victim.read_text() == "mine"
+    assert all((tmp_path / name).is_file() and not (tmp_path / name).is_symlink() for name in names)
+    (tmp_path / "previous" / "run.log").unlink()
+    (tmp_path / "previous").rmdir()
+    (tmp_path / "previous").symlink_to(tmp_path)
+    with pytest.raises(OutputError, match="previous: is in the way"):
+        prepare_directory(tmp_path, restart=False)
+
+
+@pytest.mark.parametrize("name", ["probes.csv", "particles.vtkhdf", "run.log"])
+def test_a_pipe_is_not_waited_for(tmp_path, name):
+    os.mkfifo(tmp_path / name)
+    for restart in (False, True):
+        with pytest.raises(OutputError, match="not a regular file"):
+            prepare_directory(tmp_path, restart)
 
 
 def test_a_directory_that_cannot_be_written_is_refused():
