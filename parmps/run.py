@@ -17,17 +17,19 @@ from numba.core.event import install_listener
 
 import parmps
 from parmps import checkpoint
+from parmps.continuation import Inputs, check_arrays, check_attributes, check_particles
 from parmps.errors import DivergedError, OutputError, ParmpsError, StoppedError
 from parmps.interrupt import Interrupt, reason
 from parmps.loader import job_text
 from parmps.lock import DirectoryLock
-from parmps.output import ParticleFile, ProbeTable, prepare_directory, write_json
+from parmps.output import ParticleFile, prepare_directory, write_json
 from parmps.particles import FIELDS, FLUID
 from parmps.pressure import petsc_version
 from parmps.probes import build_probes
 from parmps.report import Compilation, RunLog, advice, command_line, timer_table
 from parmps.simulation import COUNTERS, SUMMED, Simulation
 from parmps.stages import wall_friction
+from parmps.table import ProbeTable, kept_lines
 
 
 class Schedule:
@@ -97,6 +99,7 @@ class Run:
         self.main = domain.rank == 0
         self._lock = None
         self.simulation = Simulation(job, domain)
+        self.inputs = self._on_main(lambda: Inputs(job))
         self.probes = build_probes(job, self.simulation.geometry)
         self.loads = any(probe.kind == "force" for probe in job.probes)
         in_place = restart is not None and self.directory.resolve() == Path(restart).resolve()
@@ -114,16 +117,16 @@ class Run:
         if not in_place:  # a checkpoint that is refused leaves no directory behind
             self._hold()
         self._on_main(lambda: prepare_directory(self.directory, in_place))
-        self.log = self._on_main(lambda: RunLog(self.directory / "run.log", _watched()))
         end, out = self.job.time.end, self.job.output
         self.samples = Schedule(out.probes_every, end)
         self.frames = Schedule(out.particles_every, end)
         self.saves = Schedule(out.checkpoint_every, end)
         self._open_results(in_place)
+        self.log = self._on_main(lambda: RunLog(self.directory / "run.log", _watched()))
         self._first_step = self.simulation.step_number
         self._compilation = Compilation(self.log.line if self.main else None)
         self._seconds_of_results = 0.0
-        self._good = self.simulation.snapshot()
+        self._keep()
 
     def _hold(self):
         """Take the directory, which another run may have."""
@@ -151,7 +154,7 @@ class Run:
         result = error = None
         try:
             result = action()
-        except OutputError as problem:
+        except ParmpsError as problem:
             error = problem
         errors = [e for e in self.domain.gather(error) if e is not None]
         if errors:
@@ -163,21 +166,29 @@ class Run:
     def _open_results(self, in_place):
         columns = [name for probe in self.probes for name in probe.columns]
         table, path = self.directory / "probes.csv", self.directory / "particles.vtkhdf"
-        before = math.nextafter(self.simulation.time, -math.inf)
         total, frames = self.simulation.totals["total"], self.frames.count(self.simulation.time)
 
         def begin():
             if in_place:
-                self.frame = ParticleFile.resume(path, total, frames, before)
-                return ProbeTable.resume(table, columns, before)
+                lines = kept_lines(table, columns, self._results["table"])
+                self.frame = ParticleFile.resume(path, total, frames, self._results["particles"])
+                return ProbeTable(table, columns, lines)
             self.frame = 0
             texts = {"job": job_text(self.job), "version": parmps.__version__}
             ParticleFile.create(path, total, frames, texts)
-            return ProbeTable.create(table, columns)
+            return ProbeTable(table, columns)
 
         self.table = self._on_main(begin)
         self.frame = self.domain.share(self.frame if self.main else None)
         self.particle_file = self._everywhere(lambda: ParticleFile(path))
+
+    def _keep(self):
+        """Keep the state and what is in the results, to come back to if the solution goes wrong."""
+        self._good = self.simulation.snapshot(), self._mark()
+
+    def _mark(self):
+        """What is in the results, for a checkpoint of rank 0, which writes them."""
+        return {"table": self.table.mark(), "particles": self.particle_file.mark()} if self.main else None
 
     def _state(self):
         """What probes see: the rank's own particles."""
@@ -219,8 +230,8 @@ class Run:
 
     # Checkpoints
 
-    def _save(self):
-        """Write a checkpoint, then forget what a restart from it could not know."""
+    def _save(self, results):
+        """Write a checkpoint with what was in the results then, and forget what a restart from it could not know."""
         s, p = self.simulation, self.simulation.particles
         path = self.directory / "checkpoint.h5"
         ends = np.cumsum(self.domain.gather(p.owned)).tolist()
@@ -230,6 +241,8 @@ class Run:
         attributes = {
             "job": self.job.model_dump(mode="json"),
             "version": parmps.__version__,
+            "inputs": self.inputs.until(s.time) if self.main else {},
+            "results": results,
             "counters": counters,
             "left": [item for part in self.domain.gather(s.left) for item in part],
         }
@@ -247,14 +260,20 @@ class Run:
 
     def _read_checkpoint(self, path):
         s, domain = self.simulation, self.domain
+        header = self._everywhere(lambda: checkpoint.read_header(path))
+        job, counters = self.job.model_dump(mode="json"), {name: getattr(s, name) for name in COUNTERS}
+        self._on_main(lambda: check_attributes(path, header, job, parmps.__version__, self.inputs, counters))
 
         def read():
-            header = checkpoint.read_header(path)
-            checkpoint.check_compatible(header, self.job.model_dump(mode="json"), parmps.__version__)
-            share = checkpoint.share_slabs(len(header.slabs), domain.size, domain.rank)
-            return header, checkpoint.read_slabs(path, share)
+            check_arrays(path, header, s.totals)
+            arrays = checkpoint.read_slabs(path, checkpoint.share_slabs(len(header.slabs), domain.size, domain.rank))
+            check_particles(path, arrays, s.totals, self.job)
+            return arrays
 
-        header, arrays = self._everywhere(read)
+        arrays = self._everywhere(read)
+        if domain.sum(int(arrays["id"].sum())) != header.total * (header.total - 1) // 2:
+            raise OutputError(path, "is damaged: some of its particles are there twice")
+        self._results = header.attributes["results"]
         counters, left = dict(header.attributes["counters"]), header.attributes["left"]
         if not self.main:
             counters |= {name: type(counters[name])(0) for name in SUMMED}
@@ -286,13 +305,14 @@ class Run:
                 self._loop()
             self._finish("done", start)
         except StoppedError as end:
-            self._save()
+            self._save(self._mark())
             self._finish(str(end), start)
             raise
         except DivergedError as error:
             # a checkpoint of the last sample, from before the solution went wrong
-            s.restore(self._good)
-            self._save()
+            state, results = self._good
+            s.restore(state)
+            self._save(results)
             self._finish(f"diverged: {error}", start)
             raise
 
@@ -304,7 +324,7 @@ class Run:
         while True:
             if self.saves.due(s.time) and s.time > began:
                 with self._writing():
-                    self._save()
+                    self._save(self._mark())
             s.balance()
             request = s.choose_step(min(schedule.after(s.time) for schedule in schedules), self.interrupt.request())
             if request and s.time < end:
@@ -313,7 +333,7 @@ class Run:
             with self._writing():
                 if self.samples.due(s.time):
                     s.note_energy()
-                    self._good = s.snapshot()
+                    self._keep()
                     self._sample()
                 if self.frames.due(s.time):
                     self._write_frame()
