@@ -148,7 +148,8 @@ def check_attributes(path, header, job, version, inputs, counters):
     time = attributes.counters["time"]
     now = inputs.until(time)
     # The checkpoint's job went through JSON, which knows no tuples.
-    _check_job(attributes, json.loads(json.dumps(job)), now)
+    files = attributes.inputs.keys() & now.keys()
+    _check_job(header.attributes["job"], json.loads(json.dumps(job)), files)
     _check_inputs(attributes.inputs, now, time)
     end = job["time"]["end"]
     if time > end:
@@ -169,8 +170,8 @@ def _check_counters(path, found, counters):
             raise OutputError(path, f"is damaged: its counter {name} is {value!r:.40}")
 
 
-def _check_job(attributes, job, inputs):
-    differences = list(_differences(attributes.job.model_dump(), job, "", attributes.inputs.keys() & inputs.keys()))
+def _check_job(before, job, files):
+    differences = list(_differences(before, job, "", files))
     if differences:
         key, before, now = differences[0]
         message = (

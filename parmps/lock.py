@@ -25,6 +25,11 @@ class DirectoryLock:
     directory : path-like
         Made with its parents if missing.
 
+    Attributes
+    ----------
+    holds : bool
+        Whether others are kept out; some file systems have no locks.
+
     Raises
     ------
     OutputError
@@ -33,6 +38,7 @@ class DirectoryLock:
 
     def __init__(self, directory):
         self.path = Path(directory) / LOCK_FILE
+        self.holds = True
         make_directory(directory)
         with output_errors(directory):
             while True:
@@ -48,6 +54,9 @@ class DirectoryLock:
         try:
             fcntl.lockf(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
+            if error.errno in (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK):
+                self.holds = False
+                return
             owner = os.pread(self._descriptor, 200, 0).decode(errors="replace").strip()
             os.close(self._descriptor)
             if error.errno in (errno.EACCES, errno.EAGAIN):

@@ -89,11 +89,9 @@ class RunLog:
         """
         self._log(text)
         if self._bar is not None:
-            self._bar.write(text, file=sys.stdout)
+            self._draw(lambda bar: bar.write(text, file=sys.stdout))
         else:
-            problem = say(text, sys.stdout)
-            if problem is not None:
-                self._log(f"The standard output takes no more ({problem}): the run goes on, and tells this file alone.")
+            self._note_deaf(say(text, sys.stdout))
 
     def start(self, time, end):
         """Begin to show progress.
@@ -108,7 +106,7 @@ class RunLog:
         self._first_time = None
         if self._terminal:
             self._bar = tqdm(total=end, initial=time, bar_format=_BAR_FORMAT, leave=True, dynamic_ncols=True)
-            self._bar.set_postfix_str("starting")
+            self._draw(lambda bar: bar.set_postfix_str("starting"))
 
     def progress(self, time, step, dt, iterations):
         """Show how far the run is; call it every step, it speaks every few seconds.
@@ -129,8 +127,8 @@ class RunLog:
             self._first_time, self._first_clock = time, now
         left = self._time_left(time, now)
         if self._bar is not None:
-            self._bar.set_postfix_str(f"{left} left, dt {dt * 1e3:.3g} ms", refresh=False)
-            self._bar.update(time - self._bar.n)
+            self._draw(lambda bar: bar.set_postfix_str(f"{left} left, dt {dt * 1e3:.3g} ms", refresh=False))
+            self._draw(lambda bar: bar.update(time - bar.n))
         if now - self._last_clock >= SECONDS_BETWEEN_LINES:
             self._last_clock = now
             text = (
@@ -145,8 +143,8 @@ class RunLog:
     def stop(self):
         """End the progress bar, if there is one."""
         if self._bar is not None:
-            self._bar.set_postfix_str(f"{duration(clock.monotonic() - self._began)} taken")
-            self._bar.close()
+            self._draw(lambda bar: bar.set_postfix_str(f"{duration(clock.monotonic() - self._began)} taken"))
+            self._draw(lambda bar: bar.close())
             self._bar = None
 
     def close(self):
@@ -159,6 +157,22 @@ class RunLog:
         """Write to the file alone."""
         with output_errors(self.path):
             self._file.write(text + "\n")
+
+    def _draw(self, change):
+        """Change the bar, if there still is one: a terminal may be closed while the run goes on."""
+        if self._bar is None:
+            return
+        try:
+            change(self._bar)
+        except OSError as error:
+            self._bar.disable = True
+            self._bar = None
+            self._note_deaf(error.strerror)
+
+    def _note_deaf(self, problem):
+        """Note why something could not be shown, if so."""
+        if problem is not None:
+            self._log(f"The standard output takes no more ({problem}): the run goes on, and tells this file alone.")
 
     def _time_left(self, time, now):
         """Return the wall time to the end at the mean speed so far, as text."""

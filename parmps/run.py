@@ -357,6 +357,8 @@ class Run:
             f"{s.totals['fluid']} fluid and {s.totals['total'] - s.totals['fluid']} boundary particles, "
             f"spacing {s.l0:g} m, {self.domain.size} rank(s), scheme {self.job.scheme.preset}"
         )
+        if not self._lock.holds:
+            line(f"The file system of {self.directory} has no locks: nothing keeps another run from writing there too.")
 
     def _finish(self, status, start):
         self.wall, self.cpu = clock.perf_counter() - start[0], clock.process_time() - start[1]

@@ -1,6 +1,7 @@
 """Ends that nobody wished for: kills, signals, full disks, ranks that fail alone. Nothing is lost or hangs."""
 
 import contextlib
+import errno
 import json
 import multiprocessing
 import os
@@ -17,7 +18,7 @@ import numpy as np
 import pytest
 from test_cli import ENVIRONMENT, JOB, last_frame, parmps, read_table
 
-from parmps import checkpoint
+from parmps import checkpoint, lock
 from parmps.domain import Domain
 from parmps.errors import ParmpsError
 from parmps.interrupt import WALL_LIMIT, Interrupt, reason
@@ -208,16 +209,25 @@ def test_a_lock_that_is_removed_while_another_waits_is_noticed(tmp_path):
     owner = DirectoryLock(tmp_path)
     take, owners = DirectoryLock._take, [owner]
 
-    def after_its_owner(lock):
+    def after_its_owner(waiting):
         if owners:
             owners.pop().release()
-        take(lock)
+        take(waiting)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(DirectoryLock, "_take", after_its_owner)
-        lock = DirectoryLock(tmp_path)
-    assert os.path.samestat(os.fstat(lock._descriptor), (tmp_path / LOCK_FILE).stat())
-    lock.release()
+        taken = DirectoryLock(tmp_path)
+    assert os.path.samestat(os.fstat(taken._descriptor), (tmp_path / LOCK_FILE).stat())
+    taken.release()
+
+
+def test_a_file_system_without_locks_is_told_of(tmp_path, monkeypatch):
+    def lockf(*_):
+        raise OSError(errno.ENOSYS, "Function not implemented")
+
+    monkeypatch.setattr(lock.fcntl, "lockf", lockf)
+    assert finish(tmp_path) == 0
+    assert f"The file system of {tmp_path} has no locks" in (tmp_path / "run.log").read_text()
 
 
 @pytest.mark.parametrize("where", ["2>&1 | head -1", ">&- 2>&-"])
