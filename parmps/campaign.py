@@ -24,6 +24,7 @@ from tqdm import tqdm
 from parmps.errors import InputError, StoppedError
 from parmps.interrupt import Interrupt, reason
 from parmps.loader import job_text
+from parmps.lock import DirectoryLock
 from parmps.output import prepare_directory, write_text
 from parmps.schema import unit_of_key
 from parmps.signals import MEASURES, find_signal, measure, read_signals
@@ -54,7 +55,7 @@ def prepare(sweep, cases):
     Raises
     ------
     OutputError
-        If they cannot be written.
+        If they cannot be written, or a case that changed runs at present.
     """
     for case in cases:
         place, text = directory(sweep, case), job_text(case.job)
@@ -62,10 +63,11 @@ def prepare(sweep, cases):
             place.mkdir(parents=True, exist_ok=True)
             same = (place / "job.yaml").exists() and (place / "job.yaml").read_text(encoding="utf-8") == text
         if not same:
-            prepare_directory(place, restart=False)
-            with output_errors(place):
-                (place / ERRORS).unlink(missing_ok=True)
-            write_text(place / "job.yaml", text)
+            with contextlib.closing(DirectoryLock(place)):  # the case may run, as started by a script
+                prepare_directory(place, restart=False)
+                with output_errors(place):
+                    (place / ERRORS).unlink(missing_ok=True)
+                write_text(place / "job.yaml", text)
 
 
 def directory(sweep, case):

@@ -71,7 +71,7 @@ class DirectoryLock:
             return False
         return os.path.samestat(found, os.fstat(self._descriptor))
 
-    def release(self):
+    def close(self):
         """Let others have the directory, and remove the file first, while nobody else can hold it."""
         with contextlib.suppress(OSError):
             self.path.unlink()

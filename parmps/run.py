@@ -134,7 +134,7 @@ class Run:
 
     def _release(self):
         if self._lock is not None:
-            self._lock.release()
+            self._lock.close()
 
     def _on_main(self, action):
         """Do something on rank 0 alone; its error, if any, is raised on all ranks."""

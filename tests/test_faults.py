@@ -211,14 +211,14 @@ def test_a_lock_that_is_removed_while_another_waits_is_noticed(tmp_path):
 
     def after_its_owner(waiting):
         if owners:
-            owners.pop().release()
+            owners.pop().close()
         take(waiting)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(DirectoryLock, "_take", after_its_owner)
         taken = DirectoryLock(tmp_path)
     assert os.path.samestat(os.fstat(taken._descriptor), (tmp_path / LOCK_FILE).stat())
-    taken.release()
+    taken.close()
 
 
 def test_a_file_system_without_locks_is_told_of(tmp_path, monkeypatch):
