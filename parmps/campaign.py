@@ -26,6 +26,7 @@ from parmps.interrupt import Interrupt, reason
 from parmps.loader import job_text
 from parmps.lock import DirectoryLock
 from parmps.output import prepare_directory, write_text
+from parmps.report import say
 from parmps.schema import unit_of_key
 from parmps.signals import MEASURES, find_signal, measure, read_signals
 from parmps.slabs import output_errors
@@ -186,7 +187,8 @@ def run_here(sweep, cases):
             for process in [process for process in running if process.poll() is not None]:
                 case = running.pop(process)
                 _end(directory(sweep, case), process.returncode)
-                tqdm.write(f"case {case.name}: {state(directory(sweep, case))}", file=sys.stdout)
+                with tqdm.external_write_mode(file=sys.stdout):
+                    say(f"case {case.name}: {state(directory(sweep, case))}", sys.stdout)
             _show(bar, sweep, running, len(cases) - len(waiting) - len(running))
         request = interrupt.request()
         if running:
@@ -445,7 +447,8 @@ def run_sweep(sweep, cases, retry=False):
     """
     prepare(sweep, cases)
     left = missing_cases(sweep, cases, retry)
-    print(f"{len(cases)} cases, {len(left)} to run, {sweep.run.jobs} at a time on {sweep.run.ranks} rank(s) each")
+    how = f"{sweep.run.jobs} at a time on {sweep.run.ranks} rank(s) each"
+    say(f"{len(cases)} cases, {len(left)} to run, {how}", sys.stdout)
     try:
         if left:
             run_here(sweep, left)

@@ -11,7 +11,7 @@ from importlib.util import find_spec
 
 from parmps import __version__
 from parmps.checks import job_warnings
-from parmps.errors import InputError, ParmpsError
+from parmps.errors import InputError, OutputError, ParmpsError
 from parmps.interrupt import Interrupt
 from parmps.loader import load_job
 from parmps.report import say
@@ -232,11 +232,13 @@ def _arguments(words):
 
 def _open_standard_streams():
     """Give those that were closed at the start a file that takes all, so that no result takes their numbers."""
-    for number in range(3):
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
         try:
             os.fstat(number)
         except OSError:
             os.open(os.devnull, os.O_RDWR)  # the lowest number that is free
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(number, "w" if number else "r"))  # noqa: SIM115 - for the life of the process
 
 
 def main():
@@ -266,11 +268,7 @@ def main():
         if alone:
             domain.abort(problem.exit_status)
         sys.exit(problem.exit_status)
-    except Exception as problem:  # noqa: BLE001 - whatever failed on this rank, the others must not wait for it
-        if isinstance(problem, BrokenPipeError) and command in ("schema", "plan"):
-            # the reader of the output, such as `head`, has seen enough; nor must the exit write any more to it
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            return
+    except Exception:  # noqa: BLE001 - whatever failed on this rank, the others must not wait for it
         say(f"parmps: rank {domain.rank} failed:\n{traceback.format_exc()}", sys.stderr)
         domain.abort(4)
 
@@ -291,14 +289,21 @@ def _tell(problem):
     say(f"parmps: {problem.title}: {problem}", sys.stderr)
 
 
+def _print(text):
+    """Print what was asked for; a reader such as `head` may have seen enough of it."""
+    problem = say(text, sys.stdout)
+    if problem is not None and not isinstance(problem, BrokenPipeError):
+        raise OutputError("standard output", problem.strerror)
+
+
 def _print_schema(arguments):
     from parmps.sweep import Sweep
 
     model = Sweep if arguments.sweep else Job
     if arguments.json:
-        print(json.dumps(json_schema(model), indent=2))
+        _print(json.dumps(json_schema(model), indent=2))
     else:
-        print(schema_markdown(model) if arguments.markdown else schema_table(model))
+        _print(schema_markdown(model) if arguments.markdown else schema_table(model))
 
 
 def _sweep(arguments):
@@ -309,7 +314,7 @@ def _sweep(arguments):
     sweep, cases = load_sweep(arguments.sweep, counts)
     if arguments.script:
         campaign.prepare(sweep, cases)
-        print(campaign.script(sweep, campaign.missing_cases(sweep, cases, arguments.retry), arguments.script))
+        _print(campaign.script(sweep, campaign.missing_cases(sweep, cases, arguments.retry), arguments.script))
         return 0
     run = campaign.results if arguments.collect else partial(campaign.run_sweep, retry=arguments.retry)
     ends = run(sweep, cases)
@@ -319,12 +324,14 @@ def _sweep(arguments):
         drawn = [picture.stem for picture in save_sweep(sweep)]
         empty = [measure.name for measure in sweep.measures if measure.name not in drawn]
         if empty and "done" in ends:
-            print(f"no case has a value of {', '.join(empty)}: peaks need at least one whole cycle in the window")
+            why = "peaks need at least one whole cycle in the window"
+            say(f"no case has a value of {', '.join(empty)}: {why}", sys.stdout)
     else:
-        print("no figures were drawn: that needs matplotlib")
+        say("no figures were drawn: that needs matplotlib", sys.stdout)
     done = ends.count("done")
     failed = [f"case {case.name} {end}" for case, end in zip(cases, ends, strict=True) if end.startswith("failed")]
-    print("\n".join([*failed, f"{done} of {len(cases)} cases are done; results are in {campaign.results_path(sweep)}"]))
+    end = f"{done} of {len(cases)} cases are done; results are in {campaign.results_path(sweep)}"
+    say("\n".join([*failed, end]), sys.stdout)
     return 4 if failed else 0
 
 
@@ -362,11 +369,11 @@ def _plan(job, arguments, domain):
     error = None
     if domain.rank == 0:
         try:
-            print(plan_text(job, domain))
+            _print(plan_text(job, domain))
             if arguments.png:
                 from parmps.figures.start import draw_plan
 
-                print(f"\nThe particles at the start are drawn in {draw_plan(job, arguments.png)}")
+                _print(f"\nThe particles at the start are drawn in {draw_plan(job, arguments.png)}")
         except ParmpsError as problem:
             error = problem
     error = domain.share(error)

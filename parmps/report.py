@@ -35,24 +35,22 @@ def say(text, stream):
     Parameters
     ----------
     text : str
-    stream : file or None
+    stream : file
         Standard output or standard error. What cannot take the text takes no more: its descriptor leads nowhere then,
         so that the exit of the program has nothing to complain about either.
 
     Returns
     -------
-    str or None
+    OSError or None
         Why it could not be printed.
     """
-    if stream is None:
-        return None
     try:
         print(text, file=stream, flush=True)
     except OSError as error:
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, stream.fileno())
         os.close(nowhere)
-        return error.strerror
+        return error
     return None
 
 
@@ -167,12 +165,13 @@ class RunLog:
         except OSError as error:
             self._bar.disable = True
             self._bar = None
-            self._note_deaf(error.strerror)
+            self._note_deaf(error)
 
     def _note_deaf(self, problem):
         """Note why something could not be shown, if so."""
         if problem is not None:
-            self._log(f"The standard output takes no more ({problem}): the run goes on, and tells this file alone.")
+            what = f"The standard output takes no more ({problem.strerror})"
+            self._log(f"{what}: the run goes on, and tells this file alone.")
 
     def _time_left(self, time, now):
         """Return the wall time to the end at the mean speed so far, as text."""

@@ -455,7 +455,7 @@ class Run:
 
 def _watched():
     """Whether a person watches: both outputs are a terminal, and so is that of mpirun, which passes them on."""
-    if not all(stream is not None and stream.isatty() for stream in (sys.stdout, sys.stderr)):
+    if not (sys.stdout.isatty() and sys.stderr.isatty()):
         return False
     try:
         return os.readlink(f"/proc/{os.getppid()}/fd/1").startswith(("/dev/pts/", "/dev/tty"))

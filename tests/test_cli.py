@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from parmps import checkpoint, cli
+from parmps.errors import OutputError
 from parmps.run import Schedule
 
 ROOT = Path(__file__).parents[1]
@@ -218,6 +219,19 @@ def test_schema_and_help(tmp_path, here):
     assert done.returncode == 0 and "spacing" in done.stdout
     done = here(tmp_path, "--help")
     assert done.returncode == 0 and "exit status" in done.stdout
+
+
+def test_what_was_asked_for_and_cannot_be_printed_is_an_error(monkeypatch):
+    with open("/dev/full", "w") as full:
+        monkeypatch.setattr(sys, "stdout", full)
+        with pytest.raises(OutputError, match="standard output: No space left on device"):
+            cli._print("text")
+    reader, writer = os.pipe()
+    os.close(reader)
+    with open(writer, "w") as left:
+        monkeypatch.setattr(sys, "stdout", left)
+        cli._print("text")  # as for `head`, which has seen enough
+        cli._print("text")
 
 
 def test_an_end_that_is_a_multiple_but_for_rounding_has_one_frame(job, tmp_path):
