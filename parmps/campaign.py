@@ -25,10 +25,11 @@ from parmps.errors import InputError, StoppedError
 from parmps.interrupt import Interrupt, reason
 from parmps.loader import job_text
 from parmps.lock import DirectoryLock
+from parmps.motion import forcing_period
 from parmps.output import prepare_directory, write_text
 from parmps.report import say
 from parmps.schema import unit_of_key
-from parmps.signals import MEASURES, find_signal, measure, read_signals
+from parmps.signals import BESIDE, MEASURES, find_signal, measure, read_signals
 from parmps.slabs import output_errors
 from parmps.sweep import parameters
 
@@ -376,10 +377,11 @@ def results(sweep, cases):
         If the table cannot be written.
     """
     keys = parameters(sweep)
-    units = [""] * len(sweep.measures)
+    names = [name for measure in sweep.measures for name in measure_names(measure)]
+    units = [""] * len(names)
     rows, ends = [], []
     for case in cases:
-        end, values = state(directory(sweep, case)), [""] * len(sweep.measures)
+        end, values = state(directory(sweep, case)), [""] * len(names)
         if end == "done":
             try:
                 values, units = _measure(sweep, case)
@@ -388,7 +390,7 @@ def results(sweep, cases):
         rows.append([case.name, *(case.values.get(key, "") for key in keys), *values, end])
         ends.append(end)
     titles = [_title(key, unit_of_key(key)) for key in keys]
-    titles += [_title(measure.name, unit) for measure, unit in zip(sweep.measures, units, strict=True)]
+    titles += [_title(name, unit) for name, unit in zip(names, units, strict=True)]
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([["case", *titles, "status"], *rows])
     write_text(results_path(sweep), text.getvalue())
@@ -415,10 +417,26 @@ def _measure(sweep, case):
     values, units = [], []
     for item in sweep.measures:
         _, unit, signal_values = find_signal(signals, item.column)
-        value = measure(item.kind, time, signal_values, item.begin, item.end)
-        values.append("" if math.isnan(value) else f"{value:.8g}")
-        units.append(MEASURES[item.kind][1].format(unit))
+        for kind in (item.kind, *BESIDE.get(item.kind, ())):
+            value = measure(kind, time, signal_values, item.begin, item.end, forcing_period(case.job.motion))
+            values.append("" if math.isnan(value) else f"{value:.8g}")
+            units.append(MEASURES[kind][1].format(unit))
     return values, units
+
+
+def measure_names(measure):
+    """Names of the columns of a measure in the table of results.
+
+    Parameters
+    ----------
+    measure : parmps.sweep.Measure
+
+    Returns
+    -------
+    list of str
+        Its own, and those beside it.
+    """
+    return [measure.name, *(f"{measure.name}: {word}" for word in BESIDE.get(measure.kind, {}).values())]
 
 
 def _title(name, unit):

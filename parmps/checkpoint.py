@@ -35,7 +35,7 @@ from parmps.slabs import (
     write_at,
 )
 
-FORMAT_VERSION = 4
+FORMAT_VERSION = 5
 """Raised whenever a file of the earlier layout could not be continued."""
 
 MAX_HEADER_BYTES = 2**26

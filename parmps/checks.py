@@ -1,4 +1,4 @@
-"""Checks that involve several keys of a job, and warnings about input that is legal but looks wrong."""
+"""Checks that involve several keys of a job."""
 
 import math
 import os
@@ -14,6 +14,7 @@ from parmps.motion import read_motion_file
 
 TOLERANCE = 1e-9  # relative; forgives the rounding of decimal input such as 0.1 + 0.2
 MAX_POINTS = 1e12  # thousands of times what anyone has computed
+COLUMN_POINTS = 401  # of a gauge's column, where a tank that is no box may have room for liquid
 OUT_OF_PLANE = ("sway", "yaw")
 UPPER = {"bottom": "top", "left": "right"}
 """Keys of a baffle's ends."""
@@ -34,6 +35,7 @@ def check_job(job):
     _check_tank(job)
     for number, baffle in enumerate(job.tank.baffles):
         _check_baffle(job, baffle, f"tank.baffles[{number}]")
+    _check_unique(["tank", *job.tank.baffle_names], "tank.baffles", first=-1)
     _check_fluids(job)
     _check_initial(job)
     _check_interfaces(job)
@@ -180,7 +182,7 @@ def _check_fluids(job):
     shares = sum(fluid.fill or 0.0 for fluid in job.fluids)
     if shares > 1.0 + TOLERANCE:
         raise InputError("fluids", f"overfull: fill sums to {shares:g}, must be at most 1")
-    total = _total_depth(job)
+    total = total_depth(job)
     if total > job.tank.height * (1 + TOLERANCE):
         raise InputError(
             "fluids",
@@ -271,6 +273,9 @@ def _check_probes(job):
         if probe.kind == "pressure":
             _check_inside(job, probe.at, f"{key}.at")
             _check_outside_baffles(job, probe.at, f"{key}.at")
+            _check_unique([p.name for p in job.probes] + [f"{probe.name}.max"], "probes")
+        elif probe.kind == "force" and probe.about is not None:
+            _check_components(job, probe.about, f"{key}.about", "m")
         elif probe.kind in ("elevation", "interface"):
             layout = "[x]" if job.dimension == 2 else "[x, y]"
             if len(probe.at) != job.dimension - 1:
@@ -278,6 +283,8 @@ def _check_probes(job):
                     f"{key}.at", f"got {list(probe.at)}, must be {layout} in {job.dimension}D (m)"
                 )
             _check_within(probe.at, job.tank.size[:-1], f"{key}.at")
+            if probe.fixed_to == "tank":
+                _check_column(job, probe.at, f"{key}.at")
         if probe.kind == "interface":
             _check_pair(job, probe.between, f"{key}.between")
         elif probe.kind == "liquid":
@@ -310,10 +317,11 @@ def _check_scheme(job):
             )
 
 
-def _check_unique(names, key):
+def _check_unique(names, key, first=0):
+    """Refuse a name that is there twice; the first one has the number given."""
     for number, name in enumerate(names):
         if name in names[:number]:
-            raise InputError(f"{key}[{number}].name", f"'{name}' is taken; names must be unique")
+            raise InputError(f"{key}[{number + first}].name", f"'{name}' is taken; names must be unique")
 
 
 def _check_fluid_name(job, name, key):
@@ -360,11 +368,52 @@ def _check_inside(job, point, key):
 
 def _check_outside_baffles(job, point, key):
     """Refuse a point inside a baffle, which belongs to none of its faces."""
+    number = _baffle_at(job, point)
+    if number is not None:
+        baffle = job.tank.baffles[number]
+        centre = baffle.x if baffle.vertical else baffle.z
+        raise InputError(
+            key,
+            f"got {list(point)} m, which lies inside tank.baffles[{number}]; its faces are at "
+            f"{centre - baffle.thickness / 2:g} m and {centre + baffle.thickness / 2:g} m",
+        )
+
+
+def _check_column(job, at, key):
+    """Refuse a gauge whose column has no room for liquid: outside a round tank, or inside baffles from floor to lid."""
+    low, high = 0.0, job.tank.height
+    hull = build_hull(job.tank, job.spacing)
+    if hull is not None:
+        heights = np.linspace(low, high, COLUMN_POINTS)
+        line = np.column_stack([np.tile(at, (COLUMN_POINTS, 1)), heights])[:, -hull.dimension :]
+        inside = heights[hull.distance(line)[0] >= -hull.rounding]
+        low, high = (inside[0], inside[-1]) if len(inside) else (0.0, 0.0)
+        if high - low < job.spacing:
+            room = f"{high - low:.3g} m high, less than the spacing of {job.spacing:g} m"
+            raise InputError(key, f"got {list(at)} m, where the tank's {job.tank.shape} is {room}")
+    ends = {low, high}
+    for baffle in job.tank.baffles:
+        half = baffle.thickness / 2
+        levels = [baffle.bottom, baffle.top] if baffle.vertical else [baffle.z - half, baffle.z + half]
+        if baffle.vertical:
+            levels = [0.0, baffle.ring, job.tank.height - baffle.ring] if baffle.ring is not None else levels
+            levels += [corner[-1] for opening in baffle.openings for corner in opening]
+        ends.update(level for level in levels if low < level < high)
+    ends = sorted(ends)
+    parts = [(b - a, _baffle_at(job, (*at, 0.5 * (a + b)))) for a, b in zip(ends, ends[1:], strict=False)]
+    if any(number is not None for _, number in parts) and sum(d for d, n in parts if n is None) < job.spacing:
+        names = ", ".join(f"tank.baffles[{n}]" for n in dict.fromkeys(n for _, n in parts) if n is not None)
+        raise InputError(key, f"got {list(at)} m, which lies inside {names} from the tank's floor to its lid")
+
+
+def _baffle_at(job, point):
+    """Number of the first baffle that a point lies inside; None outside of all."""
     size = job.tank.size
     for number, baffle in enumerate(job.tank.baffles):
         across = 0 if baffle.vertical else job.dimension - 1
         centre = baffle.x if baffle.vertical else baffle.z
-        depth = baffle.thickness / 2 - abs(point[across] - centre)
+        if baffle.thickness / 2 - abs(point[across] - centre) <= TOLERANCE * size[across]:
+            continue
         others = [axis for axis in range(job.dimension) if axis != across]
         if baffle.ring is not None:
             within = any(min(point[a], size[a] - point[a]) < baffle.ring * (1 - TOLERANCE) for a in others)
@@ -377,12 +426,9 @@ def _check_outside_baffles(job, point, key):
             within = all(_inside(point[a], extents[a], size[a]) for a in others) and not any(
                 all(low[k] <= point[a] <= high[k] for k, a in enumerate(others)) for low, high in baffle.openings
             )
-        if within and depth > TOLERANCE * size[across]:
-            raise InputError(
-                key,
-                f"got {list(point)} m, which lies inside tank.baffles[{number}]; its faces are at "
-                f"{centre - baffle.thickness / 2:g} m and {centre + baffle.thickness / 2:g} m",
-            )
+        if within:
+            return number
+    return None
 
 
 def _inside(x, extent, side):
@@ -422,13 +468,8 @@ def layer_depths(job):
     return tuple(depths)
 
 
-def _total_depth(job):
-    """Sum of the layers' depths, m."""
-    return sum(depth or 0.0 for depth in job.depths)
-
-
-def job_warnings(job):
-    """List what is legal in a job but looks wrong.
+def total_depth(job):
+    """Find how deep the layers of liquid are together.
 
     Parameters
     ----------
@@ -436,74 +477,7 @@ def job_warnings(job):
 
     Returns
     -------
-    list of str
-        One sentence each, with the key and the numbers that look wrong.
+    float
+        m; regions do not count.
     """
-    return [*_resolution_warnings(job), *_frequency_warnings(job), *_value_warnings(job)]
-
-
-def _resolution_warnings(job):
-    spacing = job.spacing
-    for axis, side in enumerate(job.tank.size):
-        if spacing > side:
-            yield f"spacing: {spacing:g} m is larger than the tank's side of {side:g} m (tank.size[{axis}])"
-    for number, thickness in enumerate(job.depths):
-        depth = thickness or np.inf
-        rows = depth / spacing
-        if rows < 5:
-            yield (
-                f"fluids[{number}].depth: {depth:g} m at a spacing of {spacing:g} m is {rows:.1f} rows "
-                "of particles; at least 5 are needed to resolve a flow"
-            )
-    for number, baffle in enumerate(job.tank.baffles):
-        if baffle.thickness < spacing * (1 - TOLERANCE):
-            key = f"tank.baffles[{number}].thickness"
-            yield (
-                f"{key}: {baffle.thickness:g} m is less than the spacing of {spacing:g} m; the baffle is "
-                "modelled as 1.1 spacings thick"
-            )
-    sides = job.tank.size[:-1]
-    particles = math.prod(side / spacing for side in sides) * _total_depth(job) / spacing
-    if particles > 1e9:
-        yield f"spacing: {spacing:g} m means about {particles:.2g} particles"
-
-
-def _frequency_warnings(job):
-    depth = _total_depth(job)
-    if depth == 0.0 or job.gravity == 0.0:
-        return
-    for number, item in enumerate(job.motion):
-        if item.kind == "file":
-            continue
-        sideways = job.dimension == 3 and item.kind in ("sway", "roll")
-        side = job.tank.size[1 if sideways else 0]
-        wavenumber = math.pi / side
-        omega1 = math.sqrt(job.gravity * wavenumber * math.tanh(wavenumber * depth))
-        frequency1 = omega1 / (2 * math.pi)
-        if abs(item.omega - frequency1) <= 0.1 * frequency1:
-            yield (
-                f"motion[{number}].omega: {item.omega:g} rad/s is close to the first sloshing mode's "
-                f"{frequency1:.3g} Hz and far from its {omega1:.3g} rad/s; if {item.omega:g} is in Hz, "
-                f"write omega: {2 * math.pi * item.omega:.5g}"
-            )
-
-
-def _value_warnings(job):
-    for number, item in enumerate(job.motion):
-        if item.kind in ("surge", "sway", "heave") and abs(item.amplitude) > max(job.tank.size):
-            yield (
-                f"motion[{number}].amplitude: {item.amplitude:g} m is more than the tank's longest side, "
-                f"{max(job.tank.size):g} m"
-            )
-    for number, fluid in enumerate(job.fluids):
-        if fluid.density < 50:
-            yield f"fluids[{number}].density: {fluid.density:g} kg/m3 is no liquid's; is it in g/cm3?"
-        if fluid.kinematic_viscosity > 0.1:
-            yield (
-                f"fluids[{number}].kinematic_viscosity: {fluid.kinematic_viscosity:g} m2/s is more than "
-                "100 000 times that of water; is it in mm2/s?"
-            )
-    for name in ("particles_every", "probes_every"):
-        every = getattr(job.output, name)
-        if every > job.time.end:
-            yield f"output.{name}: {every:g} s is longer than the run of {job.time.end:g} s (time.end)"
+    return sum(depth or 0.0 for depth in job.depths)

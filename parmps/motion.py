@@ -9,6 +9,7 @@ the tank-frame point r, a particle at r that moves at u relative to the tank fee
 Vectors always have the three components x, y, z; in 2D the motion stays in the x-z plane.
 """
 
+import math
 import os
 from typing import NamedTuple
 
@@ -358,6 +359,25 @@ def _axis_rotation(axis, angle):
     rotation[j, j] = rotation[k, k] = cos
     rotation[j, k], rotation[k, j] = -sin, sin
     return rotation
+
+
+def forcing_period(items):
+    """Period of a motion whose sines have one frequency.
+
+    Parameters
+    ----------
+    items : sequence of motion items
+        As in a job.
+
+    Returns
+    -------
+    float or None
+        s; None for a recorded motion, for several frequencies, and for none.
+    """
+    if any(item.kind == "file" for item in items):
+        return None
+    omegas = {item.omega for item in items if item.omega > 0.0}
+    return 2.0 * math.pi / omegas.pop() if len(omegas) == 1 else None
 
 
 def read_motion_file(path, key="motion"):

@@ -19,12 +19,13 @@ FIELDS = {
     "normal": (np.float64, (3,)),
     "depth": (np.float64, ()),
     "compression": (np.float64, ()),
+    "separated": (np.int8, ()),
 }
 """Name: (type, shape) of what a particle carries from step to step, and from rank to rank.
 
 ``acceleration`` is grad P / rho less the body force, a mean of the last steps, in m/s2; ``compression`` the last volume
 error, n/n0 - 1; ``parent`` the id of the wall particle that a dummy stands behind; ``normal`` and ``depth`` belong to
-walls.
+walls, and ``separated`` tells those that the liquid has left.
 """
 
 PARTICLE_BYTES = sum(np.dtype(dtype).itemsize * math.prod(shape) for dtype, shape in FIELDS.values())

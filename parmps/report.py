@@ -85,7 +85,7 @@ class RunLog:
         text : str
             What to say.
         """
-        self._log(text)
+        self.note(text)
         if self._bar is not None:
             self._draw(lambda bar: bar.write(text, file=sys.stdout))
         else:
@@ -134,7 +134,7 @@ class RunLog:
                 f"{iterations} iterations   {left} left"
             )
             if self._bar is not None:
-                self._log(text)
+                self.note(text)
             else:
                 self.line(text)
 
@@ -151,8 +151,13 @@ class RunLog:
         with output_errors(self.path):
             self._file.close()
 
-    def _log(self, text):
-        """Write to the file alone."""
+    def note(self, text):
+        """Write a line to the file alone.
+
+        Parameters
+        ----------
+        text : str
+        """
         with output_errors(self.path):
             self._file.write(text + "\n")
 
@@ -171,7 +176,7 @@ class RunLog:
         """Note why something could not be shown, if so."""
         if problem is not None:
             what = f"The standard output takes no more ({problem.strerror})"
-            self._log(f"{what}: the run goes on, and tells this file alone.")
+            self.note(f"{what}: the run goes on, and tells this file alone.")
 
     def _time_left(self, time, now):
         """Return the wall time to the end at the mean speed so far, as text."""

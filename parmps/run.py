@@ -17,6 +17,7 @@ from numba.core.event import install_listener
 
 import parmps
 from parmps import checkpoint
+from parmps.cautions import cautions
 from parmps.continuation import Inputs, check_arrays, check_attributes, check_particles
 from parmps.errors import DivergedError, OutputError, ParmpsError, StoppedError
 from parmps.interrupt import Interrupt, reason
@@ -27,6 +28,7 @@ from parmps.particles import FIELDS, FLUID
 from parmps.pressure import petsc_version
 from parmps.probes import build_probes
 from parmps.report import Compilation, RunLog, advice, command_line, timer_table
+from parmps.samples import Samples
 from parmps.simulation import COUNTERS, SUMMED, Simulation
 from parmps.stages import wall_friction
 from parmps.table import ProbeTable, kept_lines
@@ -98,10 +100,16 @@ class Run:
         self.directory = Path(directory)
         self.main = domain.rank == 0
         self._lock = None
+        self.warnings = cautions(job) if self.main else []
         self.simulation = Simulation(job, domain)
         self.inputs = self._on_main(lambda: Inputs(job))
-        self.probes = build_probes(job, self.simulation.geometry)
-        self.loads = any(probe.kind == "force" for probe in job.probes)
+        end, out = job.time.end, job.output
+        self.schedule = Schedule(out.probes_every, end)
+        self.frames = Schedule(out.particles_every, end)
+        self.saves = Schedule(out.checkpoint_every, end)
+        probes = build_probes(job, self.simulation.geometry)
+        viscous = "viscosity" in self.simulation.seconds
+        self.samples = Samples(probes, domain, self.simulation.particles, self.schedule, viscous)
         in_place = restart is not None and self.directory.resolve() == Path(restart).resolve()
         try:
             self._begin(restart, in_place)
@@ -117,10 +125,6 @@ class Run:
         if not in_place:  # a checkpoint that is refused leaves no directory behind
             self._hold()
         self._on_main(lambda: prepare_directory(self.directory, in_place))
-        end, out = self.job.time.end, self.job.output
-        self.samples = Schedule(out.probes_every, end)
-        self.frames = Schedule(out.particles_every, end)
-        self.saves = Schedule(out.checkpoint_every, end)
         self._open_results(in_place)
         self.log = self._on_main(lambda: RunLog(self.directory / "run.log", _watched()))
         self._first_step = self.simulation.step_number
@@ -164,9 +168,11 @@ class Run:
     # Results
 
     def _open_results(self, in_place):
-        columns = [name for probe in self.probes for name in probe.columns]
+        columns, began = list(self.samples.columns), self.simulation.time
+        if not in_place and self.samples.sampled != began:
+            self.samples.forget_row()
         table, path = self.directory / "probes.csv", self.directory / "particles.vtkhdf"
-        total, frames = self.simulation.totals["total"], self.frames.count(self.simulation.time)
+        total, frames = self.simulation.totals["total"], self.frames.count(began)
 
         def begin():
             if in_place:
@@ -184,39 +190,40 @@ class Run:
 
     def _keep(self):
         """Keep the state and what is in the results, to come back to if the solution goes wrong."""
-        self._good = self.simulation.snapshot(), self._mark()
+        self._good = self.simulation.snapshot(), self.samples.state(), self._mark()
 
     def _mark(self):
         """What is in the results, for a checkpoint of rank 0, which writes them."""
         return {"table": self.table.mark(), "particles": self.particle_file.mark()} if self.main else None
 
     def _state(self):
-        """What probes see: the rank's own particles."""
+        """What gauges see: the rank's own particles."""
         s, p = self.simulation, self.simulation.particles
         own = slice(0, p.owned)
-        names = ("position", "velocity", "pressure", "kind", "fluid", "normal", "depth", "compression")
         return SimpleNamespace(
-            **{name: getattr(p, name)[own] for name in names},
+            **{name: getattr(p, name)[own] for name in ("position", "velocity", "kind", "fluid", "compression")},
             surface=s.work.surface[own],
-            spacing=s.l0,
             frame=s.frame,
             density=s.liquids.density[p.fluid[own]],
             volume=(s.particle_mass / s.liquids.density)[p.fluid[own]],
             fraction=s.fraction[own],
-            friction=wall_friction(s) if self.loads else None,
         )
 
-    def _sample(self):
-        state = self._state()
-        parts = [probe.partial(state) for probe in self.probes]
-        sums = self.domain.sum(np.concatenate([*parts, [0.0]]))
-        ends = np.cumsum([len(part) for part in parts])[:-1] if parts else []
-        values = [
-            value
-            for probe, part in zip(self.probes, np.split(sums[:-1], ends), strict=True)
-            for value in probe.value(part)
-        ] if parts else []
-        self._on_main(lambda: self.table.write(self.simulation.time, values))
+    def _measure(self):
+        """Let the probes see the step, and write the rows of samples that are whole then."""
+        s = self.simulation
+        if s.step_number > 0 or s.scheme.position == "start":  # the papers' first step brings the first pressure
+            friction = wall_friction(s) if self.samples.loads.friction else None
+            self.samples.step(s.time, s.particles, s.liquids.density, s.frame, friction)
+        if not self.schedule.due(s.time):
+            return
+        s.note_energy()
+        self._write_rows(self.samples.take(s.time, self._state()))
+        self._keep()
+
+    def _write_rows(self, rows):
+        for row in rows:
+            self._on_main(lambda row=row: self.table.write(*row))
 
     def _write_frame(self):
         s, p = self.simulation, self.simulation.particles
@@ -234,6 +241,7 @@ class Run:
         """Write a checkpoint with what was in the results then, and forget what a restart from it could not know."""
         s, p = self.simulation, self.simulation.particles
         path = self.directory / "checkpoint.h5"
+        self.samples.flush()
         ends = np.cumsum(self.domain.gather(p.owned)).tolist()
         slabs = list(zip([0, *ends[:-1]], ends, strict=True))
         counters = {name: getattr(s, name) for name in COUNTERS}
@@ -244,6 +252,7 @@ class Run:
             "inputs": self.inputs.until(s.time) if self.main else {},
             "results": results,
             "counters": counters,
+            "samples": self.samples.state(),
             "left": [item for part in self.domain.gather(s.left) for item in part],
         }
         self._on_main(lambda: self.table.sync())
@@ -278,6 +287,7 @@ class Run:
         if not self.main:
             counters |= {name: type(counters[name])(0) for name in SUMMED}
             left = []
+        self.samples.restore(header.attributes["samples"])
         s.restore({"counters": counters, "arrays": arrays, "left": left})
 
     # The loop
@@ -306,19 +316,22 @@ class Run:
             self._finish("done", start)
         except StoppedError as end:
             self._save(self._mark())
+            self._write_rows(self.samples.rows())
             self._finish(str(end), start)
             raise
         except DivergedError as error:
             # a checkpoint of the last sample, from before the solution went wrong
-            state, results = self._good
+            state, samples, results = self._good
             s.restore(state)
+            self.samples.restore(samples)
             self._save(results)
+            self._write_rows(self.samples.rows())
             self._finish(f"diverged: {error}", start)
             raise
 
     def _loop(self):
         s, end = self.simulation, self.job.time.end
-        schedules = (self.samples, self.frames, self.saves)
+        schedules = (self.schedule, self.frames, self.saves)
         s.start()
         began = s.time
         while True:
@@ -331,13 +344,11 @@ class Run:
                 raise StoppedError(f"stopped by {reason(request)} at t = {s.time:g} s, step {s.step_number}")
             s.solve()
             with self._writing():
-                if self.samples.due(s.time):
-                    s.note_energy()
-                    self._keep()
-                    self._sample()
+                self._measure()
                 if self.frames.due(s.time):
                     self._write_frame()
             if s.time >= end:
+                self._write_rows(self.samples.rows())
                 break
             s.move()
             if self.main:
@@ -359,6 +370,8 @@ class Run:
         )
         if not self._lock.holds:
             line(f"The file system of {self.directory} has no locks: nothing keeps another run from writing there too.")
+        for warning in self.warnings:  # which the command line has shown before it placed the particles
+            self.log.note(f"warning: {warning}")
 
     def _finish(self, status, start):
         self.wall, self.cpu = clock.perf_counter() - start[0], clock.process_time() - start[1]
@@ -385,7 +398,7 @@ class Run:
             line(f"volume drift {record['volume_drift']:+.2%}")
         else:
             line(f"{status}; to continue: --restart {command_line(self.directory)}")
-        script = "plot_probes.py" if self.probes else "plot_particles.py"
+        script = "plot_probes.py" if self.job.probes else "plot_particles.py"
         plot = Path(parmps.__file__).parents[1] / "postproc" / script
         line(f"Results are in {self.directory}; plot them: {command_line(sys.executable, plot, self.directory)}")
 
@@ -441,6 +454,8 @@ class Run:
             },
             "time_step": {"min": s.step_min if s.step_number else None, "max": s.step_max},
             "energy_drift": s.energy_drift(),
+            "warnings": self.warnings,
+            "columns": self.samples.columns,
             "peak_memory_bytes": domain.gather(memory),
             "versions": {
                 "parmps": parmps.__version__,

@@ -92,6 +92,9 @@ Opening = Annotated[tuple[Corner, ...], Field(min_length=2, max_length=2)]
 class Baffle(Section):
     """A rigid plate: vertical (x, bottom, top), horizontal (z, left, right) or a ring (x or z, and ring)."""
 
+    name: Name | None = setting(
+        "name of its columns in probes.csv, as in load.NAME.Fx; null: baffle1 for the first, and so on", default=None
+    )
     thickness: Length = setting("thickness of the plate", "m")
     x: Coordinate | None = setting("centre of a vertical baffle along the length", "m", None)
     bottom: Coordinate | None = setting("height of the lower edge of a vertical baffle", "m", None)
@@ -152,6 +155,11 @@ class Tank(Section):
     def height(self):
         """Inner height along z, m."""
         return self.size[-1]
+
+    @property
+    def baffle_names(self):
+        """Names of the baffles, or baffle1 and so on for those without: list of str."""
+        return [baffle.name or f"baffle{number}" for number, baffle in enumerate(self.baffles, start=1)]
 
     @property
     def bottom_centre(self):
@@ -356,12 +364,17 @@ class LiquidProbe(Kind):
 
 
 class ForceProbe(Kind):
-    """Force and moment of the liquid on the tank and on each baffle."""
+    """Force and moment of the liquid on the tank and its baffles, in all and one by one."""
 
     name: Name = setting("column name in probes.csv")
     kind: Literal["force"] = setting(
-        "force and moment on the tank and on each baffle, by pressure and, where viscosity acts, by friction"
+        "force and moment on the tank and its baffles, in all (NAME.Fx), on the tank alone (NAME.tank.Fx) and on each "
+        "baffle (NAME.baffle1.Fx), by pressure and, where viscosity acts, by friction"
     )
+    about: Point | None = setting(
+        "point of the tank that moments are about: [x, z] in 2D, [x, y, z] in 3D; null: its bottom centre", "m", None
+    )
+    frame: Literal["tank", "earth"] = setting("whose axes the components are along", default="tank")
 
 
 Probe = _union(PressureProbe, ElevationProbe, InterfaceProbe, LiquidProbe, ForceProbe)

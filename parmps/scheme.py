@@ -85,10 +85,10 @@ class Scheme(Section):
         le=10,
     )
     volume_time: Annotated[Number, Field(gt=0, le=1e3)] | None = setting(
-        "longest relaxation time of the volume error, measured with a wide smooth weight (position start); shorter "
-        "in fast flow; null: none",
-        "s",
-        0.5,
+        "longest relaxation time of the volume error, measured with a wide smooth weight, by the tank's longest side L "
+        "and the body force f (position start); shorter in fast flow; null: none",
+        "sqrt(L / f)",
+        1.5,
     )
     volume_radius: Number = setting(
         "reach of the smooth weight that measures the volume error", "l0", 3.1, ge=2.6, le=5

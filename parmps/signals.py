@@ -74,45 +74,119 @@ def find_signal(signals, title):
     raise InputError("", f"no column '{title}'; there are {', '.join(name for name, _, _ in signals)}")
 
 
-def cycles(values):
-    """Split a signal into its cycles, each from one upward crossing of the mean to the next.
-
-    Ripples about the mean do not end a cycle: a crossing counts once the signal has been below the mean by
-    half of its standard deviation.
+def principal(signals):
+    """Leave out what repeats other signals: highest values beside means, and the tank's loads where they are all.
 
     Parameters
     ----------
-    values : (n,) float64
+    signals : list of tuple
+        As `read_signals` returned them.
+
+    Returns
+    -------
+    list of tuple
+    """
+    known = {name: values for name, _, values in signals}
+
+    def repeats(name, values):
+        whole, _, last = name.rpartition(".")
+        if last == "max":
+            return whole in known
+        total = known.get(f"{whole.removesuffix('.tank')}.{last}")
+        return whole.endswith(".tank") and total is not None and np.array_equal(total, values)
+
+    return [signal for signal in signals if not repeats(signal[0], signal[2])]
+
+
+SMOOTHING = 1.0 / 8.0
+"""Standard deviation of the Gaussian that takes the noise off a signal before it is cut into cycles, in periods: a
+sine keeps three quarters of its amplitude, ripples of a quarter of its period a hundredth."""
+SWING = 0.5
+"""How far from its mean, in standard deviations, a smoothed signal goes to both sides in a cycle."""
+
+
+def _smooth(time, values, period):
+    """Signal without noise shorter than a period, s: (n,) float64."""
+    even = np.linspace(time[0], time[-1], len(time))
+    samples = np.interp(even, time, values)
+    mirrored = np.concatenate([samples, samples[::-1]])
+    frequency = np.fft.rfftfreq(len(mirrored), even[1] - even[0])
+    weight = np.exp(-0.5 * (2.0 * np.pi * frequency * SMOOTHING * period) ** 2)
+    return np.interp(time, even, np.fft.irfft(np.fft.rfft(mirrored) * weight, len(mirrored))[: len(even)])
+
+
+def cycles(time, values, period=None):
+    """Split a signal into its cycles.
+
+    With the period of what drives it, they are of about this length, from a trough of the smoothed signal to the next
+    one. Without, they are from one upward crossing of the mean to the next, once the signal, smoothed over an eighth
+    of its dominant period, has gone by half of its standard deviation to either side: noise cuts neither.
+
+    Parameters
+    ----------
+    time, values : (n,) float64
+    period : float, optional
+        s.
 
     Returns
     -------
     list of slice
         The whole cycles; empty if there is none.
     """
-    swing = values - values.mean()
-    threshold = 0.5 * swing.std()
-    starts, armed = [], False
+    if np.ptp(values) == 0.0:
+        return []
+    if period is not None:
+        return _forced_cycles(time, values, period)
+    smooth = _smooth(time, values, 1.0 / _frequency(time, values))
+    swing = smooth - smooth.mean()
+    threshold = SWING * swing.std()
+    starts, low, crossing = [], False, None
     for index, value in enumerate(swing):
-        if value < -threshold:
-            armed = True
-        elif armed and value >= 0.0:
-            starts.append(index)
-            armed = False
+        if value < 0.0:
+            low, crossing = low or value < -threshold, None
+        elif crossing is None:
+            crossing = index
+        if low and value > threshold:
+            starts.append(crossing)
+            low = False
     return [slice(a, b) for a, b in zip(starts, starts[1:], strict=False)]
 
 
-def peaks(time, values):
+def _forced_cycles(time, values, period):
+    """Cycles of a known period, between the troughs nearest to half a period from the crests of its harmonic."""
+    smooth, turn = _smooth(time, values, period), 2.0 * np.pi * time / period
+    crest = np.angle(np.sum((values - values.mean()) * np.exp(1j * turn))) / (2.0 * np.pi)
+    number = np.arange(np.floor(time[0] / period) - 1, np.ceil(time[-1] / period) + 2)
+    cuts = []
+    for nominal in (number + crest + 0.5) * period:
+        near = np.flatnonzero(np.abs(time - nominal) <= 0.25 * period)
+        if len(near):
+            cuts.append(near[np.argmin(smooth[near])])
+    ends = sorted({0, *cuts, len(time)})
+    parts = [slice(a, b) for a, b in zip(ends, ends[1:], strict=False)]
+    return [part for part in parts if time[part.stop - 1] - time[part.start] >= 0.5 * period and _whole(values, part)]
+
+
+def _whole(values, part):
+    """Whether the signal's ends cut nothing from a cycle's peak."""
+    top = part.start + int(np.argmax(values[part]))
+    return 0 < top < len(values) - 1
+
+
+def peaks(time, values, period=None):
     """Find the greatest value of each whole cycle.
 
     Parameters
     ----------
     time, values : (n,) float64
+    period : float, optional
+        Of what drives the signal, s.
 
     Returns
     -------
     times, heights : (cycles,) float64
     """
-    at = np.array([part.start + int(np.argmax(values[part])) for part in cycles(values)], int)
+    at = np.array([part.start + int(np.argmax(values[part])) for part in cycles(time, values, period)], int)
     return time[at], values[at]
 
 
@@ -152,26 +226,51 @@ def _frequency(time, values):
     return frequency[1] * (top + 0.5 * (low - high) / (low - 2.0 * middle + high))
 
 
-def _mean_peaks(time, values):
-    heights = peaks(time, values)[1]
-    return heights.mean() if len(heights) else np.nan
+def peak_measures(heights):
+    """Mean of peaks, their number, their standard deviation, and the standard error of the mean.
+
+    The error is that of peaks that do not depend on each other.
+
+    Parameters
+    ----------
+    heights : (n,) float64
+
+    Returns
+    -------
+    tuple of float
+        NaN where there are too few.
+    """
+    count = len(heights)
+    mean = heights.mean() if count else np.nan
+    deviation = heights.std(ddof=1) if count > 1 else np.nan
+    return mean, float(count), deviation, deviation / np.sqrt(max(count, 1))
+
+
+def _of_peaks(number):
+    return lambda time, values, period: peak_measures(peaks(time, values, period)[1])[number]
 
 
 MEASURES = {
-    "max": ("greatest value", "{}", lambda time, values: values.max()),
-    "min": ("least value", "{}", lambda time, values: values.min()),
-    "mean": ("mean in time", "{}", lambda time, values: np.trapz(values, time) / (time[-1] - time[0])),
-    "mean_peaks": ("mean of the greatest values of the whole cycles", "{}", _mean_peaks),
-    "rms": ("root mean square about the mean", "{}", lambda time, values: values.std()),
-    "frequency": ("dominant frequency", "Hz", _frequency),
-    "impulse": ("integral over time", "{} s", lambda time, values: np.trapz(values, time)),
+    "max": ("greatest value", "{}", lambda time, values, period: values.max()),
+    "min": ("least value", "{}", lambda time, values, period: values.min()),
+    "mean": ("mean in time", "{}", lambda time, values, period: np.trapz(values, time) / (time[-1] - time[0])),
+    "mean_peaks": ("mean of the greatest values of the whole cycles", "{}", _of_peaks(0)),
+    "peak_count": ("number of these peaks", "", _of_peaks(1)),
+    "peak_deviation": ("standard deviation of these peaks", "{}", _of_peaks(2)),
+    "peak_error": ("standard error of their mean", "{}", _of_peaks(3)),
+    "rms": ("root mean square about the mean", "{}", lambda time, values, period: values.std()),
+    "frequency": ("dominant frequency", "Hz", lambda time, values, period: _frequency(time, values)),
+    "impulse": ("integral over time", "{} s", lambda time, values, period: np.trapz(values, time)),
 }
-"""What can be measured: meaning, unit by that of the signal, and the function of time and values."""
+"""What can be measured: meaning, unit by that of the signal, and the function of time, values and forcing period."""
+
+BESIDE = {"mean_peaks": {"peak_count": "number", "peak_deviation": "deviation", "peak_error": "standard error"}}
+"""Measures that a table gives beside one, and what it calls them."""
 
 LEAST_SAMPLES = 4
 
 
-def measure(kind, time, values, begin=None, end=None):
+def measure(kind, time, values, begin=None, end=None, period=None):
     """Measure a signal in a window of time.
 
     Parameters
@@ -182,6 +281,8 @@ def measure(kind, time, values, begin=None, end=None):
         Time (s) and signal.
     begin, end : float, optional
         The window, s; the whole signal by default.
+    period : float, optional
+        Of what drives the signal, s; peaks are then one a period.
 
     Returns
     -------
@@ -198,4 +299,4 @@ def measure(kind, time, values, begin=None, end=None):
     if inside.sum() < LEAST_SAMPLES:
         found = f"{inside.sum()} samples from {low:g} s to {high:g} s"
         raise InputError("", f"{found}; at least {LEAST_SAMPLES} are needed")
-    return float(MEASURES[kind][2](time[inside], values[inside]))
+    return float(MEASURES[kind][2](time[inside], values[inside], period))

@@ -173,10 +173,6 @@ class Simulation:
         removed in a shorter step is that much more pressure.
     implicit : bool
         Whether the viscous step is implicit, so that it does not bound the time step.
-    suction : float
-        Greatest suction that the flow can make, Pa: rho (u^2/2 + f L) by Bernoulli's equation, with the greatest
-        speed u, the body force f and the longest side L of the tank. More is noise, as where a jet meets an edge,
-        and would feed energy to the liquid.
     volume_error : float
         Mean of the last measured compression.
     contacts, put_back : int
@@ -223,7 +219,6 @@ class Simulation:
         self.frame = self.motion.at(0.0)
         self.force = self.courant = self.grid_number = self.activity = self.divergence_time = 0.0
         self.implicit = False
-        self.suction = math.inf
         self.contacts = self.put_back = 0
         self.left = []
         self.largest_kinetic = 0.0
@@ -324,7 +319,6 @@ class Simulation:
         if self.domain.max(float(np.abs(p.velocity[: p.liquid]).max(initial=0.0))) == 0.0:
             return
         self.choose_step(self.job.time.max_step or self.job.output.probes_every)
-        self.suction = math.inf  # an impulse has no bound
         self.frame = self.frame._replace(force=np.zeros(3), alpha=np.zeros(3))
         for _ in range(PROJECTIONS):
             velocity, energy = p.velocity[: p.liquid].copy(), self.kinetic_energy()
@@ -490,18 +484,13 @@ class Simulation:
             if not self.implicit:
                 bounds.append(explicit)
         steps = max(math.ceil(left / min(bounds) * (1.0 - 1e-9)), 1)
-        self.dt = left / steps
-        self._end_of_step = until if steps == 1 else self.time + self.dt
+        self._end_of_step = until if steps == 1 else _rounded(self.time + left / steps, left / steps)
+        self.dt = self._end_of_step - self.time
         self.divergence_time = max(self.dt, min(*bounds, self.divergence_time))
         self.courant = speed * self.dt / self.l0
         capillary = self.liquids.capillary_rate * CAPILLARY_SHARE / self.l0**3
         self.grid_number = math.sqrt(force / self.l0 + capillary) * self.dt
         self.activity = self.grid_number + 0.2 * self.courant
-        self.suction = float(self.liquids.density.max()) * (0.5 * speed**2 + force * max(self.job.tank.size))
-        if self.liquids.tension is not None:
-            self.suction += float(self.liquids.tension.max()) / self.l0
-        if self.liquids.surface_tension is not None:
-            self.suction += (self.dimension - 1) * float(self.liquids.surface_tension.max()) / self.l0
         return int(request)
 
     def _check_speed(self, speed):
@@ -656,6 +645,15 @@ class Simulation:
         errors = 1.0 / ratio[inside] - 1.0
         total, count = self.domain.sum(np.array([errors.sum(), float(len(errors))]))
         return float(total / max(count, 1.0))
+
+
+def _rounded(time, step):
+    """Time rounded to 12 digits, as those of outputs are, unless a step is near that.
+
+    Steps of 2 ms then end at the same instants whether outputs are 20 ms apart or 2.
+    """
+    rounded = float(f"{time:.12g}")
+    return rounded if abs(rounded - time) < 1e-6 * step else time
 
 
 def flow_limits(job, closed):

@@ -3,7 +3,8 @@
 Each stage is a function of the simulation; the plan reads from top to bottom as the method does. With the
 pressure solved at the step's start (the default), ``solve`` brings the pressure of time t^n and ``move`` the
 step to t^(n+1): v^(n+1) = v^n + dt (f - grad P / rho), r^(n+1) = r^n + dt v^(n+1), the symplectic Euler method
-([002] eqs. 15 to 18). The papers' scheme ([004]) moves first, and all its stages are in ``move``.
+([002] eqs. 15 to 18). The papers' scheme ([004]) moves first, and all its stages but the first search for neighbours
+are in ``move``.
 """
 
 import math
@@ -12,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from parmps import support
+from parmps import separation, support
 from parmps.components import floating_components
 from parmps.interfaces import (
     correct_acceleration,
@@ -29,6 +30,12 @@ from parmps.neighbors import sorted_cells
 from parmps.particles import DUMMY, FLUID, WALL
 from parmps.smoothing import add_surface_tension, mass_density, smooth_mass_density
 from parmps.surface import find_surface_pressure
+
+RESOLVED_LAYER = 0.25
+"""Thickness, in spacings, of the boundary layer of the slowest wave from which on particles show it."""
+VISCOUS_DAMPING, STRESS_DAMPING = 1e-4, 1e-3
+"""Share of its amplitude that the slowest wave loses by viscosity in a period (Lamb 1932, art. 348) from which on the
+scene has viscosity, and from which on its free surface bears no viscous stress. The scheme's own errors are 5e-4."""
 
 VOLUME_EVERY = 5
 """Steps between two measurements of the volume error and of the surface row, which change slowly."""
@@ -85,7 +92,8 @@ class Plan(NamedTuple):
     project : list of Stage
         Those that lead to the pressure which an impulsive start needs, once.
     solve, move : list of Stage
-        Those that lead to the pressure, after which results are written, and those that move the liquid.
+        Those that lead to the pressure, after which results are written, and those that move the liquid. After the
+        first, neighbours are those of the present places in every scheme: what is measured may sum over them.
     left_out : list of (str, str)
         Names of stages that the scene does not need, and why.
     """
@@ -169,10 +177,8 @@ def make_plan(job, ranks):
         ]
         return Plan(
             projection,
-            [],
+            [*halo, *search],
             [
-                *halo,
-                *search,
                 *(smoothing if tension else []),
                 Stage("body force", "gravity and the tank's motion", add_body_force_to_liquid),
                 *viscosity,
@@ -217,9 +223,16 @@ def make_plan(job, ranks):
     volume = when(
         scheme.volume_time is not None,
         "volume",
-        f"holds the volume, with relaxation time {scheme.volume_time} s",
+        f"holds the volume, within {scheme.volume_time} sqrt(L / f)",
         measure_volume,
         "volume_time is null",
+    )
+    apart = when(
+        not job.full,
+        "separation",
+        "walls at the air do not pull the liquid",
+        separation.let_go,
+        "the tank is full",
     )
     moments = [
         Stage("density", "moments of the neighbourhood and free surface", measure_density),
@@ -260,6 +273,7 @@ def make_plan(job, ranks):
             *contact,
             Stage("divergence", "source of the pressure equation", measure_divergence),
             Stage("pressure", "incompressibility", solve_pressure),
+            *apart,
         ],
         [
             Stage("gradient", "pressure gradient and damping of grid noise", accelerate),
@@ -270,7 +284,7 @@ def make_plan(job, ranks):
 
 
 def viscosity_matters(job):
-    """Tell whether viscosity changes what this scene's particles can show.
+    """Tell whether viscosity changes what this scene's particles can show, by its slowest wave alone.
 
     Parameters
     ----------
@@ -288,19 +302,21 @@ def viscosity_matters(job):
     nu = Liquids(job).viscous_rate
     if nu == 0.0:
         return False, False, "the viscosity is 0"
-    if job.scheme.preset == "papers":
+    if job.scheme.position == "moved":
         return True, False, "the papers' scheme has it"
+    if job.gravity == 0.0:
+        return True, True, "without gravity there are no waves that would end before viscosity shows"
     length, depth = job.tank.length, min(job.tank.height, sum(depth or job.tank.height for depth in job.depths))
     k = math.pi / length
-    rate = math.sqrt(job.gravity * k * math.tanh(k * depth)) if job.gravity > 0.0 else 1.0 / job.time.end
+    rate = math.sqrt(job.gravity * k * math.tanh(k * depth))
     layer = math.sqrt(2.0 * nu / rate)
-    damping = 2.0 * nu * k * k * job.time.end
+    damping = 2.0 * nu * k * k * 2.0 * math.pi / rate
     text = (
         f"boundary layers of {layer * 1e3:.2g} mm at a spacing of {job.spacing * 1e3:.2g} mm, "
-        f"bulk damping {100 * damping:.2g} % over the run"
+        f"bulk damping {100 * damping:.2g} % a period"
     )
-    resolved = layer > 0.25 * job.spacing
-    return resolved or damping > 1e-3, resolved or damping > 1e-2, text
+    resolved = layer > RESOLVED_LAYER * job.spacing
+    return resolved or damping > VISCOUS_DAMPING, resolved or damping > STRESS_DAMPING, text
 
 
 # Geometry
@@ -313,9 +329,11 @@ def refresh_halo(sim):
     """
     p = sim.particles
     if sim.domain.halo_is_stale(p, sim.halo_reach):
+        surface = sim.work.surface[: p.owned]
         sim.rebuild_halo()
+        sim.work.surface[: p.owned] = surface  # which the papers' scheme measures after results are written
     else:
-        sim.domain.exchange(p.position, p.velocity, p.acceleration, p.pressure)
+        sim.domain.exchange(p.position, p.velocity, p.acceleration, p.pressure, p.separated)
 
 
 def find_neighbours(sim):
@@ -323,6 +341,7 @@ def find_neighbours(sim):
     s = sim.scheme
     sim.pairs.find(sim.particles)
     sim.strength, sim.laplacian_strength = sim.pairs.weigh(sim.l0, s.radius, s.laplacian_radius)
+    separation.cut_links(sim)
 
 
 def measure_density(sim):
@@ -350,7 +369,8 @@ def measure_density(sim):
         if s.position == "start":
             # low where the surface must be whole; beside cavities of violent flow it would put zero pressure inside
             threshold = (0.7 if sim.liquids.surface_tension is None else 0.3) * sim.lattice.asymmetry
-            density.mark_uncovered(p.position, w.wet, w.asymmetry, threshold, *sim.pairs.wet, p.liquid, w.surface)
+            around = (p.position, p.normal, w.wet, w.asymmetry)
+            density.mark_uncovered(*around, threshold, *sim.pairs.wet, p.liquid, w.surface)
         if s.position == "moved":  # the papers' wall particles can be in the surface, and then have no pressure
             density.mark_dry(p.kind, *sim.pairs.lists, p.liquid, p.rows, w.surface)
     sim.domain.exchange(w.asymmetry, w.surface)
@@ -521,7 +541,7 @@ def _viscous_operator(sim):
 
 
 def wall_friction(sim):
-    """Viscous force of the liquid on the rank's own wall particles.
+    """Viscous force of the liquid on the rank's own wall particles, between `Plan.solve` and `Plan.move`.
 
     Parameters
     ----------
@@ -529,15 +549,15 @@ def wall_friction(sim):
 
     Returns
     -------
-    None or (owned, 3) float64, N, in 2D N/m
+    None or (k, 3) float64, N, in 2D N/m
         None where viscosity does not act.
     """
     if "viscosity" not in sim.seconds:
         return None
     p = sim.particles
-    force, share = np.zeros((p.owned, 3)), sim.particle_mass * sim.liquids.viscosity.diagonal()
+    force, share = np.empty((p.rows - p.liquid, 3)), sim.particle_mass * sim.liquids.viscosity.diagonal()
     flow = (p.position, p.velocity, p.kind, p.normal, p.depth)
-    viscosity.wall_friction(*flow, share, *_viscous_operator(sim), p.liquid, p.rows, p.fluid, force[p.liquid :])
+    viscosity.wall_friction(*flow, share, *_viscous_operator(sim), p.liquid, p.rows, p.fluid, force)
     return force
 
 
@@ -605,7 +625,7 @@ def measure_divergence(sim):
             p.compression,
             w.gradient,
             # faster in fast flow, where pushing particles apart makes room
-            max(1.0 / s.volume_time, VOLUME_SHARE * sim.courant / sim.dt),
+            max(math.sqrt(sim.force / max(sim.job.tank.size)) / s.volume_time, VOLUME_SHARE * sim.courant / sim.dt),
             VOLUME_STRAIN,
             sim.grid_number / sim.dt,
             VOLUME_MOST / (volume_every(sim) * sim.dt),
@@ -692,7 +712,7 @@ def sharp(sim, *tables):
 
 
 def solve_pressure(sim):
-    """Assemble and solve the pressure equation; suction is no stronger than the flow can make it."""
+    """Assemble and solve the pressure equation; the free surface bears no tension."""
     p, s, w = sim.particles, sim.scheme, sim.work
     if s.position == "moved" and sim.dt < 0.5 * sim.divergence_time:
         # a short step to an output keeps the pressure: the source of [004] eq. 12 has the errors of a whole one over
@@ -736,8 +756,7 @@ def solve_pressure(sim):
     sim.floating.fix(sim.domain, blocks, w.rhs, p.pressure[: p.rows])
     p.pressure[: p.rows] = sim.solver.solve(blocks, w.rhs, p.pressure[: p.rows])
     sim.floating.level(sim.domain, p.pressure[: p.rows])
-    np.maximum(p.pressure[: p.rows], -sim.suction, out=p.pressure[: p.rows])
-    sim.domain.exchange(p.pressure)
+    poisson.release_surface(w.surface, w.above, p.liquid, p.pressure)
 
 
 # Implicit part
@@ -774,6 +793,7 @@ def accelerate(sim):
 def pressure_gradient(sim):
     """Set the particles' acceleration to grad P / rho."""
     p, s, w = sim.particles, sim.scheme, sim.work
+    sim.domain.exchange(p.pressure)
     if s.gradient == "corrected":
         gradient.corrected_gradient(
             p.position,

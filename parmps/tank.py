@@ -346,7 +346,7 @@ def _keep_off_baffles(geometry, position, fluid):
         return
     share = _share_outside(geometry, position)
     cut = np.flatnonzero((share < 1.0 - ROUNDING) & (fluid >= 0))
-    turn = np.rint(position[cut] / l0) @ SCATTER % 1.0
+    turn = np.floor(position[cut] / l0) @ SCATTER % 1.0  # sites are half a spacing off the walls: rounding has no say
     fluid[cut[share[cut] <= turn + ROUNDING]] = -1
 
 
@@ -388,7 +388,7 @@ def _even_out_beside_baffles(job, geometry, walls):
         return gap, normal[:, axes]
 
     layered = np.array([each.region is None for each in job.fluids])[fluid]
-    beside = (gap < BESIDE * l0) & (cKDTree(cut).query(position)[0] < 2.0 * l0)
+    beside = (gap < (BESIDE - ROUNDING) * l0) & (cKDTree(cut).query(position)[0] < (2.0 - ROUNDING) * l0)
     low, high = np.zeros(len(site)), np.zeros(len(site))
     for number in np.unique(fluid):  # the surface of a layer stays where it is
         low[fluid == number] = position[fluid == number, 2].min()
@@ -400,7 +400,7 @@ def _even_out_beside_baffles(job, geometry, walls):
     if moves.any():
         around = walls[cKDTree(position[moves]).query(walls)[0] < reach]
         # the faces of a thin plate have their wall particles in one place
-        double = cKDTree(around).query_pairs(0.5 * l0, output_type="ndarray")[:, 1]
+        double = cKDTree(around).query_pairs((0.5 + ROUNDING) * l0, output_type="ndarray")[:, 1]
         around = np.delete(around, np.unique(double), axis=0)
         fixed = np.concatenate([position[~moves], around])[:, axes]
         bounds = low[moves], high[moves]

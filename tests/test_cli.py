@@ -155,21 +155,22 @@ def last_frame(path):
 
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_a_good_run_writes_all_results(job, tmp_path, ranks):
-    done = parmps(tmp_path, job, ranks=ranks)
+    done = parmps(tmp_path, job, "--set", "output.particles_every=0.2", ranks=ranks)
     assert done.returncode == 0, done.stderr
     out = tmp_path / "out"
     assert {path.name for path in out.iterdir()} == {
         "probes.csv", "particles.vtkhdf", "checkpoint.h5", "run.json", "run.log",
     }  # fmt: skip
     names, rows = read_table(out / "probes.csv")
-    assert names[:3] == ["time [s]", "P1 [Pa]", "eta [m]"]
+    assert names[:4] == ["time [s]", "P1 [Pa]", "P1.max [Pa]", "eta [m]"]
     np.testing.assert_allclose(rows[:, 0], np.arange(11) * 0.01, atol=1e-12)
     assert np.all(np.isfinite(rows))
-    np.testing.assert_allclose(rows[:, 2], 0.15, atol=0.03)
+    np.testing.assert_allclose(rows[:, 3], 0.15, atol=0.03)
     record = json.loads((out / "run.json").read_text())
     expected = {
         "status", "ranks", "steps", "simulated_seconds", "wall_seconds", "particles", "particles_lost",
         "stage_seconds", "ksp", "time_step", "volume_drift", "energy_drift", "peak_memory_bytes", "versions",
+        "warnings",
     }  # fmt: skip
     assert expected <= set(record)
     assert record["status"] == "done" and record["ranks"] == ranks and record["particles_lost"] == 0
@@ -178,6 +179,10 @@ def test_a_good_run_writes_all_results(job, tmp_path, ranks):
     assert set(record["ksp"]) == {"iterations_mean", "iterations_max", "rebuilds"}
     assert all(set(stage) == {"max", "mean"} for stage in record["stage_seconds"].values())
     assert record["simulated_seconds"] == 0.1
+    (warning,) = record["warnings"]
+    assert warning.startswith("output.particles_every: 0.2 s is longer")
+    assert f"parmps: warning: {warning}\n" in done.stderr
+    assert f"warning: {warning}\n" in (out / "run.log").read_text()
     assert 0 < record["time_step"]["min"] <= record["time_step"]["max"] <= 5e-3 * (1 + 1e-9)
     assert len(record["peak_memory_bytes"]) == ranks
     assert sum(stage["mean"] for stage in record["stage_seconds"].values()) < record["wall_seconds"]

@@ -85,7 +85,7 @@ def check_whole(directory):
         header = checkpoint.read_header(directory / "checkpoint.h5")
         checkpoint.read_slabs(directory / "checkpoint.h5", range(len(header.slabs)))
     if (directory / "probes.csv").exists():
-        times = read_table(directory / "probes.csv")[1].reshape(-1, 6)[:, 0]
+        times = read_table(directory / "probes.csv")[1].reshape(-1, 10)[:, 0]
         np.testing.assert_allclose(times, 0.005 * np.arange(len(times)), atol=1e-12)
     if (directory / "particles.vtkhdf").exists():
         with h5py.File(directory / "particles.vtkhdf") as file:
@@ -303,7 +303,7 @@ def test_results_that_are_not_what_the_checkpoint_left_are_refused(copied, capfd
     lines = whole.splitlines(keepends=True)
     table.write_bytes(b"".join(lines[:12]) + b"\0" * 4096)
     assert refused(copied, capfd) == (
-        f"{table}: has 11 of the 20 rows that belong to the checkpoint: those after t = 0.05 s up to t = 0.095 s are "
+        f"{table}: has 11 of the 19 rows that belong to the checkpoint: those after t = 0.05 s up to t = 0.09 s are "
         "missing, NUL bytes are in their place; with --out DIR the run continues without this file"
     )
     table.write_bytes(b"".join([*lines[:12], *lines[13:]]))

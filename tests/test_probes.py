@@ -5,11 +5,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
+from parmps.domain import Domain
 from parmps.loader import parse_job
+from parmps.loads import Loads
 from parmps.motion import FrameState, Motion
+from parmps.particles import FLUID, WALL
 from parmps.probes import build_probes
-from parmps.tank import FLUID, place
+from parmps.tank import place
 
 POST = "{x: 0.4, bottom: 0.0, top: 0.15, thickness: 0.006}"
 G, RHO = 9.8, 1000.0
@@ -56,14 +60,31 @@ def cut(state, part):
     return SimpleNamespace(**{name: v[part] for name, v in vars(state).items() if name not in whole}, **whole)
 
 
+def sorted_by_kind(state):
+    """Particles as a rank has them: fluid, then walls, then dummies."""
+    order = np.argsort(state.kind, kind="stable")
+    names = "position", "normal", "depth", "pressure", "kind", "fluid"
+    arrays = {name: getattr(state, name)[order] for name in names}
+    liquid = np.count_nonzero(state.kind == FLUID)
+    return SimpleNamespace(**arrays, liquid=liquid, rows=liquid + np.count_nonzero(state.kind == WALL))
+
+
 def measure(job, state, geometry):
     values = {}
+    # halves of the particles, as two ranks would have them
+    n = len(state.kind) // 2
+    parts = [cut(state, slice(0, n)), cut(state, slice(n, None))]
     for probe in build_probes(job, geometry):
-        # halves of the particles, as two ranks would have them
-        n = len(state.kind) // 2
-        parts = [cut(state, slice(0, n)), cut(state, slice(n, None))]
-        value = probe.value(probe.partial(parts[0]) + probe.partial(parts[1]))
-        values |= dict(zip(probe.columns, value, strict=True))
+        if hasattr(probe, "value"):
+            value = probe.value(probe.partial(parts[0]) + probe.partial(parts[1]))
+            titles = probe.columns
+        else:
+            loads = Loads([probe], Domain())
+            loads.bind(sorted_by_kind(state))
+            each = [loads.sums(sorted_by_kind(part), np.array([RHO]), state.frame, None) for part in parts]
+            value = loads.values(sum(each)[None], [state.frame])[0]
+            titles = [title for title in probe.columns if ".max [" not in title]
+        values |= dict(zip(titles, value, strict=True))
     return values
 
 
@@ -134,13 +155,51 @@ def test_force_of_liquid_at_rest_is_its_weight(wall):
     p = place(job, wall)
     values = measure(job, hydrostatic(p, 0.25), p.geometry)
     assert list(values) == [
-        f"load.{body}{signal}" for body in ("", "baffle1.") for signal in ("Fx [N/m]", "Fz [N/m]", "My [N m/m]")
+        f"load.{body}{signal}"
+        for body in ("", "tank.", "baffle1.")
+        for signal in ("Fx [N/m]", "Fz [N/m]", "My [N m/m]")
     ]
     weight = RHO * G * (0.8 * 0.25 - 0.006 * 0.15)
-    assert values["load.Fz [N/m]"] + values["load.baffle1.Fz [N/m]"] == pytest.approx(-weight, rel=0.01)
+    assert values["load.Fz [N/m]"] == pytest.approx(-weight, rel=0.01)
     assert values["load.baffle1.Fz [N/m]"] == pytest.approx(-RHO * G * 0.1 * 0.006, rel=1e-6)
-    for name in ("load.Fx [N/m]", "load.My [N m/m]", "load.baffle1.Fx [N/m]", "load.baffle1.My [N m/m]"):
-        assert values[name] == pytest.approx(0, abs=1e-6 * weight)
+    for body in ("", "tank.", "baffle1."):
+        for name in (f"load.{body}Fx [N/m]", f"load.{body}My [N m/m]"):
+            assert values[name] == pytest.approx(0, abs=1e-6 * weight)
+    for signal in ("Fx [N/m]", "Fz [N/m]", "My [N m/m]"):
+        parts = values[f"load.tank.{signal}"] + values[f"load.baffle1.{signal}"]
+        assert values[f"load.{signal}"] == pytest.approx(parts, abs=1e-9 * weight)
+
+
+@pytest.mark.parametrize("size", [(0.8, 0.5), (0.6, 0.3, 0.5)])
+def test_the_point_and_the_axes_of_a_force(size):
+    """M' = M + (r - r') x F for another point; components along the earth's axes are those turned with the tank."""
+    flat = len(size) == 2
+    other = [0.1, 0.2] if flat else [0.1, 0.05, 0.2]
+    probes = (
+        "{name: a, kind: force}, {name: b, kind: force, frame: earth}, "
+        f"{{name: c, kind: force, about: {other}}}"
+    )
+    baffle = "{name: wall, x: 0.4, bottom: 0.0, top: 0.15, thickness: 0.02}"
+    job = make_job(probes, size, 0.2, 0.02, baffle)
+    p = place(job, "half")
+    state = hydrostatic(p, 0.2, (1.5, 0.0, -G) if flat else (1.5, -0.7, -G))
+    turn = Rotation.from_euler("y" if flat else "xyz", 0.3 if flat else [0.2, 0.3, -0.1]).as_matrix()
+    state.frame = state.frame._replace(rotation=turn)
+    values = measure(job, state, p.geometry)
+    titles = list(build_probes(job, p.geometry)[0].columns)
+    assert any(title.startswith("a.wall.Fx [") for title in titles)
+
+    def vectors(name, body):
+        found = {t.split(" [")[0]: v for t, v in values.items()}
+        return [np.array([found.get(f"{name}.{body}{kind}{a}", 0.0) for a in "xyz"]) for kind in "FM"]
+
+    centre = np.array([0.4, 0.0, 0.0] if flat else [0.3, 0.15, 0.0])
+    moved = centre - np.array([other[0], 0.0 if flat else other[1], other[-1]])
+    for body in ("", "tank.", "wall."):
+        force, moment = vectors("a", body)
+        np.testing.assert_allclose(vectors("b", body), [turn @ force, turn @ moment], atol=1e-9)
+        turned = np.cross(moved, force) * ([0, 1, 0] if flat else 1.0)
+        np.testing.assert_allclose(vectors("c", body), [force, moment + turned], atol=1e-9)
 
 
 def test_force_and_moment_in_3d():

@@ -7,7 +7,7 @@ import pytest
 import yaml
 from pydantic import ValidationError
 
-from parmps.checks import job_warnings
+from parmps.cautions import cautions
 from parmps.errors import InputError
 from parmps.fields import Section, models_in
 from parmps.loader import job_text, parse_job
@@ -287,6 +287,56 @@ def test_a_pressure_probe_is_on_a_face_of_a_baffle_or_outside(baffle, at, refuse
         build(base=job)
 
 
+BULKHEAD = PLATE | {"top": 0.5}
+
+
+@pytest.mark.parametrize("kind", ["elevation", "interface"])
+@pytest.mark.parametrize(
+    ("tank", "at", "refused"),
+    [
+        ({"baffles": [BULKHEAD]}, [0.4, 0.2], "lies inside tank.baffles[0] from the tank's floor to its lid"),
+        ({"baffles": [BULKHEAD]}, [0.41, 0.2], None),
+        ({"baffles": [PLATE]}, [0.4, 0.2], None),
+        ({"baffles": [PLATE, PLATE | {"bottom": 0.2, "top": 0.5}]}, [0.4, 0.2], "[0], tank.baffles[1] from the"),
+        ({"baffles": [PLATE, PLATE | {"bottom": 0.3, "top": 0.5}]}, [0.4, 0.2], None),
+        ({"baffles": [BULKHEAD | {"width": [0.0, 0.1]}]}, [0.4, 0.2], None),
+        ({"baffles": [BULKHEAD | {"openings": [[[0.1, 0.05], [0.3, 0.15]]]}]}, [0.4, 0.2], None),
+        ({"baffles": [{"x": 0.4, "ring": 0.1, "thickness": 0.02}]}, [0.4, 0.05], "tank.baffles[0] from"),
+        ({"baffles": [{"x": 0.4, "ring": 0.1, "thickness": 0.02}]}, [0.4, 0.2], None),
+        ({"shape": "sphere", "size": [0.5] * 3}, [0.05, 0.05], "where the tank's sphere is 0 m high"),
+        ({"shape": "sphere", "size": [0.5] * 3}, [0.25, 0.05], None),
+        ({"shape": "cylinder", "size": [0.8, 0.5, 0.5]}, [0.4, 0.0], "where the tank's cylinder is 0 m high"),
+    ],
+)
+def test_a_gauge_has_room_for_liquid(kind, tank, at, refused):
+    probe = {"name": "e", "kind": kind, "at": at} | ({"between": ["water", "oil"]} if kind == "interface" else {})
+    fluids = [{"name": "water", "depth": 0.1}, {"name": "oil", "depth": 0.1}]
+    base = {"size": [0.8, 0.4, 0.5], "shape": "box"} | tank
+    job = BASE_3D | {"tank": base, "fluids": fluids, "probes": [probe]}
+    if refused is None:
+        build(base=job)
+        return
+    with pytest.raises(InputError) as refusal:
+        build(base=job)
+    assert refused in str(refusal.value) and str(refusal.value).startswith("probes[0].at: ")
+    if "baffles" in tank:
+        probe["fixed_to"] = "earth"  # the tank moves on
+        build(base=job)
+
+
+def test_names_of_loads_are_unique():
+    baffles = [PLATE, PLATE | {"x": 0.6, "name": "baffle1"}]
+    with pytest.raises(InputError, match=r"tank.baffles\[1\].name: 'baffle1' is taken"):
+        build(base=changed(["tank", "baffles"], baffles, BASE_3D))
+    with pytest.raises(InputError, match=r"tank.baffles\[0\].name: 'tank' is taken"):
+        build(base=changed(["tank", "baffles"], [PLATE | {"name": "tank"}], BASE_3D))
+    probes = [{"name": name, "kind": "pressure", "at": [0.0, 0.2, 0.2]} for name in ("P", "P.max")]
+    with pytest.raises(InputError, match="'P.max' is taken"):
+        build(base=BASE_3D | {"probes": probes})
+    with pytest.raises(InputError, match=r"probes\[0\].about: got \[0.1, 0.2\], must be \[x, y, z\] in 3D"):
+        build(base=BASE_3D | {"probes": [{"name": "load", "kind": "force", "about": [0.1, 0.2]}]})
+
+
 def test_motion_file_must_cover_the_run_and_stay_in_plane(tmp_path):
     path = tmp_path / "motion.csv"
     path.write_text("time [s],surge [m],sway [m]\n0,0,0\n1,1,0\n2,0,0\n3,1,0\n")
@@ -324,14 +374,14 @@ def test_motion_file_must_cover_the_run_and_stay_in_plane(tmp_path):
     ],
 )
 def test_warnings(path, value, expected):
-    warnings = " ".join(job_warnings(build(base=changed(path, value, BASE_2D))))
+    warnings = " ".join(cautions(build(base=changed(path, value, BASE_2D))))
     for part in expected:
         assert part in warnings
 
 
 def test_sensible_jobs_give_no_warning():
     for base in (BASE_2D, BASE_2D | FULL_2D, BASE_3D):
-        assert job_warnings(build(base=base)) == []
+        assert cautions(build(base=base)) == []
 
 
 def test_presets():

@@ -16,7 +16,7 @@ from test_cli import ENVIRONMENT, JOB
 
 from parmps import campaign, cli
 from parmps.errors import InputError, OutputError
-from parmps.figures.charts import draw_measure
+from parmps.figures.charts import draw_measure, draw_sweep
 from parmps.figures.page import sweep_sections, write_html
 from parmps.lock import DirectoryLock
 from parmps.schema import json_schema, schema_table, unit_of_key
@@ -34,6 +34,7 @@ measures:
   - {name: force, column: load.Fx, kind: rms, begin: 0.005}
 """
 TWO = GRID.replace("[0.1, 0.15]", "[0.15]").replace("[5.0, 7.0, 9.0]", "[5.0, 7.0]")
+PEAKS = TWO.replace("kind: rms, begin: 0.005", "kind: mean_peaks")
 
 
 @pytest.fixture
@@ -119,6 +120,29 @@ def test_bad_sweeps_are_refused_with_one_message(write, case, capsys):
     assert sorted(path.parent.iterdir()) == [path.parent / "base.yaml", path]
 
 
+def test_peaks_have_their_number_and_scatter_beside_them(write, tmp_path):
+    """By the period of each case's motion: peaks of 5, 7 and of 3 rad/s are as many as there are periods."""
+    sweep, cases = load_sweep(write(PEAKS))
+    time = np.arange(0.0, 10.0, 0.005)
+    for case in cases:
+        place = campaign.directory(sweep, case)
+        place.mkdir(parents=True)
+        omega = case.job.motion[0].omega
+        force = (1.0 + 0.1 * np.sin(0.37 * time)) * np.sin(omega * time) + 0.8 * np.sin(3.3 * omega * time)
+        rows = "".join(f"{t},0,{f}\n" for t, f in zip(time, force, strict=True))
+        (place / "probes.csv").write_text(f"time [s],P1 [Pa],load.Fx [N/m]\n{rows}")
+        (place / "run.json").write_text('{"status": "done"}')
+    assert campaign.results(sweep, cases) == ["done", "done"]
+    for case, row in zip(cases, table(tmp_path), strict=True):
+        period = 2.0 * np.pi / case.job.motion[0].omega
+        assert abs(float(row["force: number"]) - 10.0 / period) <= 1.0
+        mean, deviation = float(row["force [N/m]"]), float(row["force: deviation [N/m]"])
+        assert 1.2 < mean < 1.8 and 0.0 < deviation < 0.3
+        error = deviation / float(row["force: number"]) ** 0.5
+        assert float(row["force: standard error [N/m]"]) == pytest.approx(error)
+    assert [figure.axes[0].get_ylabel() for figure in draw_sweep(sweep).values()][1] == "force [N/m]"
+
+
 def test_missing_cases_run_failures_are_recorded_and_the_rest_goes_on(write, tmp_path, capfd):
     path, out = write(TWO), tmp_path / "out" / "sweep"
     (out / "001" / "checkpoint.h5.tmp").mkdir(parents=True)
@@ -129,7 +153,7 @@ def test_missing_cases_run_failures_are_recorded_and_the_rest_goes_on(write, tmp
     assert failed["greatest pressure [Pa]"] == "" and failed["motion[0].omega [rad/s]"] == "5.0"
     assert done["status"] == "done"
     seconds, signals = read_signals(out / "002" / "probes.csv")
-    pressure, force = signals[0][2], signals[2][2]
+    pressure, force = signals[0][2], signals[3][2]
     assert float(done["greatest pressure [Pa]"]) == pytest.approx(measure("max", seconds, pressure), rel=1e-7)
     assert float(done["force [N/m]"]) == pytest.approx(measure("rms", seconds, force, 0.005), rel=1e-7)
     assert (out / "greatest pressure.png").stat().st_size > 5000
@@ -264,7 +288,7 @@ def test_a_case_that_is_killed_says_by_what(tmp_path):
         ("tank.size[0]", "m"),
         ("time.cfl", ""),
         ("scheme.preset", ""),
-        ("scheme.volume_time", "s"),
+        ("scheme.volume_time", "sqrt(L / f)"),
         ("nowhere", ""),
     ],
 )

@@ -4,7 +4,7 @@ import csv
 
 import numpy as np
 
-from parmps.campaign import results_path
+from parmps.campaign import measure_names, results_path
 from parmps.errors import InputError
 from parmps.figures.style import COLOURS, LINES, REFERENCE, finish_panel, new_figure, save, set_title
 from parmps.sweep import parameters
@@ -31,7 +31,8 @@ def draw_sweep(sweep):
     """
     names = len(parameters(sweep))
     header, rows = read_table(results_path(sweep))
-    keys, places = header[1 : names + 1], list(range(names + 1, len(header) - 1))
+    keys, widths = header[1 : names + 1], [len(measure_names(item)) for item in sweep.measures]
+    places = names + 1 + np.cumsum([0, *widths[:-1]])
     done = [row for row in rows if row[-1] == "done"]
     figures = {}
     for item, place in zip(sweep.measures, places, strict=True):

@@ -7,8 +7,9 @@ from pathlib import Path
 
 from parmps.errors import InputError
 from parmps.figures.style import save
+from parmps.motion import forcing_period
 from parmps.output import write_text
-from parmps.signals import LEAST_SAMPLES, find_signal, read_signals
+from parmps.signals import LEAST_SAMPLES, find_signal, principal, read_signals
 
 
 def add_commands(parser):
@@ -86,12 +87,11 @@ def _add_view(command):
 
 
 def _table(directory, arguments, least=LEAST_SAMPLES):
-    """Signals of a run, those asked for in the window asked for, with a least number of samples."""
+    """Signals of a run in the window asked for: those asked for, or all that repeat no other; enough samples."""
     time, signals = read_signals(Path(directory) / "probes.csv")
     if not signals:
         raise InputError("", f"{Path(directory) / 'probes.csv'} has no signals: the job has no probes")
-    if arguments.signals:
-        signals = [find_signal(signals, name) for name in arguments.signals]
+    signals = [find_signal(signals, name) for name in arguments.signals] if arguments.signals else principal(signals)
     begin = time[0] if arguments.begin is None else arguments.begin
     end = time[-1] if arguments.end is None else arguments.end
     inside = (time >= begin) & (time <= end)
@@ -163,8 +163,9 @@ def _peaks(arguments):
     from parmps.figures.results import read_job
     from parmps.figures.tables import aligned, forcing, peak_rows, peak_table
 
-    omega, (time, signals) = forcing(read_job(arguments.source)), _table(arguments.source, arguments)
-    table = peak_table(peak_rows(time, signals, omega))
+    job, (time, signals) = read_job(arguments.source), _table(arguments.source, arguments)
+    omega = forcing(job)
+    table = peak_table(peak_rows(time, signals, omega, forcing_period(job.motion)))
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(table)
     paths = [Path(arguments.source) / "peaks.csv"]

@@ -136,7 +136,7 @@ def draw_phases(time, signals, omega):
             with np.errstate(invalid="ignore"):
                 mean = np.bincount(at, values, 60)[:60] / count
             panel.plot(360.0 * middle, scale * mean, color=colour, linewidth=2.0, label=name)
-            moments, heights = peaks(time, values)
+            moments, heights = peaks(time, values, 2.0 * np.pi / omega)
             phase = 360.0 * ((omega * moments / (2.0 * np.pi)) % 1.0)
             panel.plot(phase, scale * heights, "o", markersize=4, color=colour, markeredgecolor="white")
         panel.set_ylabel(label)

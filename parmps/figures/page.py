@@ -23,9 +23,10 @@ from parmps.figures.snapshots import draw_snapshots, make_view
 from parmps.figures.style import new_figure
 from parmps.figures.tables import aligned, forcing, peak_rows, peak_table
 from parmps.loader import job_text
+from parmps.motion import forcing_period
 from parmps.output import write_text
 from parmps.report import timer_table
-from parmps.signals import LEAST_SAMPLES, read_signals
+from parmps.signals import LEAST_SAMPLES, principal, read_signals
 from parmps.slabs import output_errors
 
 SNAPSHOTS = 4
@@ -69,13 +70,14 @@ def run_sections(directory, reference=None):
     sections = _record(directory)
     if (directory / "probes.csv").exists() and job.probes:
         time, signals = read_signals(directory / "probes.csv")
+        signals = principal(signals)
         known = None if reference is None else read_signals(reference)
         omega = forcing(job)
         sections.append(("Probes", draw_histories({"run": (time, signals)}, known)))
         enough = len(time) >= LEAST_SAMPLES
         note = f": amplitude and phase at the motion's {omega:g} rad/s" if omega else ""
         if enough:
-            sections.append((f"Peaks{note}", peak_table(peak_rows(time, signals, omega))))
+            sections.append((f"Peaks{note}", peak_table(peak_rows(time, signals, omega, forcing_period(job.motion)))))
             sections.append(("Spectra", draw_spectra(time, signals, [omega] if omega else [])))
         if enough and omega and omega * time[-1] > 4.0 * np.pi:
             sections.append(("Phases", draw_phases(time, signals, omega)))

@@ -136,7 +136,7 @@ def panel_key(name, unit):
     known = list(QUANTITIES)
     load = unit.startswith("N")
     component = name[-1:] if load and name[-1:] in ("x", "y", "z") else ""
-    part = "on baffles" if load and ".baffle" in name else ""
+    part = "on baffles" if load and name.count(".") > 1 and not name.endswith(f".tank.{name[-2:]}") else ""
     return (known.index(unit) if unit in known else len(known), unit, component, part)
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from parmps.signals import measure, peaks
+from parmps.signals import measure, peak_measures, peaks
 
 COLUMNS = (
     ("mean", "{}"),
@@ -13,6 +13,9 @@ COLUMNS = (
     ("cycle", "s"),
     ("amplitude", "{}"),
     ("phase", "deg"),
+    ("peaks", "{}"),
+    ("deviation of peaks", "{}"),
+    ("error of their mean", "{}"),
 )
 """Columns of the table of peaks and their units; amplitude and phase are those of the motion's frequency."""
 
@@ -59,7 +62,7 @@ def response(time, values, omega):
     return float(np.hypot(sine, cosine)), float(np.degrees(np.arctan2(cosine, sine)))
 
 
-def peak_rows(time, signals, omega=None):
+def peak_rows(time, signals, omega=None, period=None):
     """Measure every signal.
 
     Parameters
@@ -69,7 +72,9 @@ def peak_rows(time, signals, omega=None):
     signals : list of tuple
         As `parmps.signals.read_signals` returns them.
     omega : float, optional
-        Frequency of the motion, rad/s.
+        Frequency of the motion, rad/s, for amplitude and phase.
+    period : float, optional
+        Of the motion, s, if it has one; peaks are then one a period.
 
     Returns
     -------
@@ -78,12 +83,12 @@ def peak_rows(time, signals, omega=None):
     """
     rows = []
     for name, unit, values in signals:
-        moments, heights = peaks(time, values)
+        moments, heights = peaks(time, values, period)
         cycle = np.diff(moments).mean() if len(moments) > 1 else np.nan
         fit = response(time, values, omega) if omega else (np.nan, np.nan)
         extremes = [measure(kind, time, values) for kind in ("mean", "min", "max")]
-        mean_of_peaks = heights.mean() if len(heights) else np.nan
-        rows.append((name, unit, (*extremes, time[values.argmax()], mean_of_peaks, cycle, *fit)))
+        mean, *scatter = peak_measures(heights)
+        rows.append((name, unit, (*extremes, time[values.argmax()], mean, cycle, *fit, *scatter)))
     return rows
 
 

@@ -353,16 +353,19 @@ def mark_surface(density, asymmetry, n0, threshold, surface):
 
 
 @compiled
-def mark_uncovered(position, wet, asymmetry, threshold, first, last, other, rows, surface):
+def mark_uncovered(position, normal, wet, asymmetry, threshold, first, last, other, rows, surface):
     """Count particles that none covers among those of the free surface (after Marrone 2010).
 
     One in the corner between wall and surface may be squeezed until its asymmetry is too small, and a row that is
     squeezed along the surface is as dense as the inside, and far from the next. What covers a particle is a neighbour
-    within 60 degrees of the way out.
+    within 60 degrees of the way out; a wall, only where the way out is within 60 degrees of the way into it: one that
+    stands beside a particle covers nothing above it.
 
     Parameters
     ----------
     position : (n, 3) float64, m
+    normal : (n, 3) float64
+        Of walls, into the liquid; 0 for liquid.
     wet : (n,) float64
         Dry walls cover none.
     asymmetry : (rows, 3) float64
@@ -386,7 +389,9 @@ def mark_uncovered(position, wet, asymmetry, threshold, first, last, other, rows
             dx, dy = position[j, 0] - position[i, 0], position[j, 1] - position[i, 1]
             dz = position[j, 2] - position[i, 2]
             r = math.sqrt(dx * dx + dy * dy + dz * dz)
-            if wet[j] > 0.5 and dx * mx + dy * my + dz * mz > 0.5 * size * r:
+            into = -(mx * normal[j, 0] + my * normal[j, 1] + mz * normal[j, 2])
+            faces = into > 0.5 * size or (normal[j, 0] == 0.0 and normal[j, 1] == 0.0 and normal[j, 2] == 0.0)
+            if wet[j] > 0.5 and faces and dx * mx + dy * my + dz * mz > 0.5 * size * r:
                 covered = True
                 break
         if not covered:

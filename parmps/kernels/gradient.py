@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from parmps.kernels.compiled import compiled
-from parmps.kernels.interface import held_pressure, pressure_jump
+from parmps.kernels.interface import pressure_jump
 
 
 @compiled
@@ -33,8 +33,7 @@ def corrected_gradient(
     """Gradient from P_j - P_i with the inverse moment matrix, exact for linear fields (Duan 2018).
 
     In the surface, zero pressure, or that of surface tension, on the surface above the particle takes part with the
-    missing neighbours' weight, as in the pressure equation; its moment must be in ``inverse``. Suction in surface
-    particles, which only noise makes, does not act.
+    missing neighbours' weight, as in the pressure equation; its moment must be in ``inverse``.
 
     Parameters
     ----------
@@ -63,14 +62,14 @@ def corrected_gradient(
     for i in range(rows):
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
         gx = gy = gz = 0.0
-        here = held_pressure(i, pressure, surface, above)
+        here = pressure[i]
         mine, own = 0, 1.0
         if fluid is not None:
             mine = fluid[i]
             own = volume[mine, mine]
         for k in range(first[i], last[i]):
             j = other[k]
-            there = held_pressure(j, pressure, surface, above)
+            there = pressure[j]
             b = own
             if fluid is not None and fluid[j] != mine:
                 b = volume[mine, fluid[j]]

@@ -34,29 +34,6 @@ def pressure_jump(tension, own_bend, its_bend):
 
 
 @njit(inline="always")
-def held_pressure(i, pressure, surface, above):
-    """Pressure of a particle; in the surface without suction below that of the surface itself, which only noise makes.
-
-    Parameters
-    ----------
-    i : int
-    pressure : (n,) float64, Pa
-    surface : (n,) int8
-    above : None or (n,) float64, Pa
-        As in `poisson_rows`.
-
-    Returns
-    -------
-    float
-    """
-    if surface[i] == 0:
-        return pressure[i]
-    if above is None:
-        return max(pressure[i], 0.0)
-    return max(pressure[i], min(above[i], 0.0))
-
-
-@njit(inline="always")
 def _length(x, y, z):
     return math.sqrt(x * x + y * y + z * z)
 
@@ -790,7 +767,7 @@ def pressure_gradient(
     for i in near:
         xx = xy = xz = yy = yz = zz = gx = gy = gz = mx = my = mz = mean = 0.0
         total = 1e-300
-        here = held_pressure(i, pressure, surface, above)
+        here = pressure[i]
         own = b = 1.0
         mine = its = 0
         if fluid is not None:
@@ -801,7 +778,7 @@ def pressure_gradient(
             dx = (position[j, 0] - position[i, 0]) * per
             dy = (position[j, 1] - position[i, 1]) * per
             dz = (position[j, 2] - position[i, 2]) * per
-            there = held_pressure(j, pressure, surface, above)
+            there = pressure[j]
             if fluid is not None:
                 its = fluid[j]
                 b = volume[mine, its]

@@ -217,6 +217,27 @@ def poisson_rows(
 
 
 @compiled
+def release_surface(surface, above, rows, pressure):
+    """Take the tension of particles of the free surface, below what surface tension makes there.
+
+    Parameters
+    ----------
+    surface : (n,) int8
+    above : None or (n,) float64, Pa
+        As in `poisson_rows`.
+    rows : int
+    pressure : (n,) float64, Pa
+        Changed.
+    """
+    for i in range(rows):
+        if surface[i] != 0:
+            least = 0.0
+            if above is not None:
+                least = min(above[i], 0.0)
+            pressure[i] = max(pressure[i], least)
+
+
+@compiled
 def row_sums(first, values, halo_first, halo_values, out):
     """Add up each row of a matrix in two blocks.
 

@@ -9,9 +9,12 @@ from scipy.spatial import cKDTree
 
 from parmps.domain import Domain
 from parmps.loader import parse_job
+from parmps.loads import Loads
 from parmps.neighbors import Pairs
 from parmps.particles import DUMMY, FIELDS, FLUID, WALL, Particles
+from parmps.probes import build_probes
 from parmps.simulation import DISTRIBUTION_STEPS, HALO_COST, Simulation
+from parmps.stages import wall_friction
 
 JOB = """
 dimension: 2
@@ -405,3 +408,33 @@ def test_halos_stay_small(comm):
             largest = max(largest, lost)
     sim.close()
     assert largest <= 1.2 * DISTRIBUTION_STEPS
+
+
+@pytest.mark.parametrize("scheme", ["balanced", "papers"])
+def test_loads_are_those_of_one_rank(comm, scheme):
+    """Pressure and friction on walls, from the first step on, across new distributions."""
+    at = "{name: P, kind: pressure, at: [0.0, 0.05]}, {name: L, kind: pressure, at: [0.2, 0.06]}"
+    probes = f"[{at}, {{name: load, kind: force}}]"
+    job = parse_job(JOB, ["motion=[]", f"scheme={{preset: {scheme}, ksp_rtol: 1e-12}}", f"probes={probes}"])
+
+    def measured(domain):
+        sim = Simulation(job, domain)
+        assert sim.job.scheme.preset != "papers" or "viscosity" in sim.seconds
+        sim.particles.velocity[: sim.particles.liquid, 0] = 0.1  # along the floor: friction from the start
+        loads = Loads(build_probes(job, sim.geometry), domain, "viscosity" in sim.seconds)
+        loads.bind(sim.particles)
+        values = []
+        for step in range(6):
+            sim.choose_step(0.02)
+            sim.solve()
+            sums = loads.sums(sim.particles, sim.liquids.density, sim.frame, wall_friction(sim))
+            values.append(loads.values(domain.sum(sums)[None], [sim.frame])[0])
+            sim.move()
+            if step % 2:
+                sim.distribute()
+        sim.close()
+        return np.array(values)
+
+    one = measured(Domain(MPI.COMM_SELF))
+    assert np.abs(one[:, 2:]).max(axis=0).min() > 0.0
+    np.testing.assert_allclose(measured(Domain(comm)), one, rtol=1e-6, atol=1e-6 * np.abs(one).max())

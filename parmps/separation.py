@@ -1,0 +1,37 @@
+"""Separation: walls at the air do not pull the liquid.
+
+Liquid that is thrown past an edge, or off a wall, leaves it, and air comes in between. A wall that held it instead
+would pull it round the edge: at a block in a dam break with -20 to -100 kPa, and do work on it. So pressure and wall
+at the air satisfy Signorini's conditions of unilateral contact, p >= 0, v.n >= 0 and p v.n = 0: a wall particle with
+liquid of the free surface in reach, which would pull, is separated, that is without links to the liquid, until liquid
+comes back to it. Surface tension sigma holds it to the wall as long as that pulls less than (D - 1) sigma / l0, which
+opens a gap of one spacing in radius (Young and Laplace). Walls without air in reach pull as strongly as the flow asks
+for.
+"""
+
+import numpy as np
+
+from parmps.kernels import separation
+
+
+def let_go(sim):
+    """Tell which walls at the air the liquid leaves or comes back to, by the pressure and velocity of this step.
+
+    Their links are cut from the next step on; in this one, walls that would pull have no pressure.
+    """
+    p, w = sim.particles, sim.work
+    flow = (p.position, w.intermediate, p.normal, p.kind, w.surface, w.force, sim.liquids.density, p.fluid)
+    pairs = (*sim.pairs.wet, sim.l0, sim.scheme.radius, p.liquid, p.rows)
+    tension = sim.liquids.surface_tension
+    adhesion = np.zeros(len(sim.liquids.density)) if tension is None else (sim.dimension - 1) * tension / sim.l0
+    separation.let_go(*flow, *pairs, adhesion, p.pressure, p.separated)
+
+
+def cut_links(sim):
+    """Take the weight of the links to walls that the liquid has left."""
+    separated = sim.particles.separated
+    if not separated.any():
+        return
+    separation.cut_links(*sim.pairs.wet, separated, sim.strength)
+    if sim.laplacian_strength is not sim.strength:
+        separation.cut_links(*sim.pairs.wet, separated, sim.laplacian_strength)
