@@ -24,8 +24,10 @@ from tqdm import tqdm
 from parmps.errors import InputError, StoppedError
 from parmps.interrupt import Interrupt, reason
 from parmps.loader import job_text
+from parmps.lock import DirectoryLock
 from parmps.motion import forcing_period
 from parmps.output import prepare_directory, write_text
+from parmps.report import say
 from parmps.schema import unit_of_key
 from parmps.signals import BESIDE, MEASURES, find_signal, measure, read_signals
 from parmps.slabs import output_errors
@@ -57,7 +59,7 @@ def prepare(sweep, cases):
     Raises
     ------
     OutputError
-        If they cannot be written.
+        If they cannot be written, or a case that changed runs at present.
     """
     for case in cases:
         place, text = directory(sweep, case), job_text(case.job)
@@ -65,10 +67,11 @@ def prepare(sweep, cases):
             place.mkdir(parents=True, exist_ok=True)
             same = (place / "job.yaml").exists() and (place / "job.yaml").read_text(encoding="utf-8") == text
         if not same:
-            prepare_directory(place, restart=False)
-            with output_errors(place):
-                (place / ERRORS).unlink(missing_ok=True)
-            write_text(place / "job.yaml", text)
+            with contextlib.closing(DirectoryLock(place)):  # the case may run, as started by a script
+                prepare_directory(place, restart=False)
+                with output_errors(place):
+                    (place / ERRORS).unlink(missing_ok=True)
+                write_text(place / "job.yaml", text)
 
 
 def directory(sweep, case):
@@ -187,7 +190,8 @@ def run_here(sweep, cases):
             for process in [process for process in running if process.poll() is not None]:
                 case = running.pop(process)
                 _end(directory(sweep, case), process.returncode)
-                tqdm.write(f"case {case.name}: {state(directory(sweep, case))}", file=sys.stdout)
+                with tqdm.external_write_mode(file=sys.stdout):
+                    say(f"case {case.name}: {state(directory(sweep, case))}", sys.stdout)
             _show(bar, sweep, running, len(cases) - len(waiting) - len(running))
         request = interrupt.request()
         if running:
@@ -464,7 +468,8 @@ def run_sweep(sweep, cases, retry=False):
     """
     prepare(sweep, cases)
     left = missing_cases(sweep, cases, retry)
-    print(f"{len(cases)} cases, {len(left)} to run, {sweep.run.jobs} at a time on {sweep.run.ranks} rank(s) each")
+    how = f"{sweep.run.jobs} at a time on {sweep.run.ranks} rank(s) each"
+    say(f"{len(cases)} cases, {len(left)} to run, {how}", sys.stdout)
     try:
         if left:
             run_here(sweep, left)

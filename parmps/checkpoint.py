@@ -13,31 +13,41 @@ read back without the HDF5 library, which may crash on an altered file: a line i
 
 import contextlib
 import json
+import math
 import os
 import re
 import zlib
-from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
+from pydantic import BaseModel, ConfigDict
 
 from parmps.errors import InputError, OutputError
-from parmps.slabs import create_dataset, output_errors, sync_directory, write_at
+from parmps.slabs import (
+    create_dataset,
+    create_file,
+    open_regular,
+    output_errors,
+    sync_directory,
+    temporary_name,
+    write_at,
+)
 
-FORMAT_VERSION = 4
+FORMAT_VERSION = 5
 """Raised whenever a file of the earlier layout could not be continued."""
 
-FREE_KEYS = ("time.end", "output")
-"""Dotted keys of the job that a restart may change."""
+MAX_HEADER_BYTES = 2**26
+"""Of a whole job, and the places of half a million particles that left the tank."""
 
-_MISSING = "nothing"
 _USER_BLOCK = 512
 _TITLE = "parmps checkpoint"
+_OWN = os.O_RDWR | os.O_NOFOLLOW
+"""How a file that this module made is opened again."""
 
 
-@dataclass(frozen=True)
-class Header:
+class Header(BaseModel):
     """What a checkpoint says about itself.
 
     Attributes
@@ -56,11 +66,13 @@ class Header:
         Offset of the checksums (slab, array), bytes.
     """
 
-    attributes: dict
-    arrays: dict
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    attributes: dict[str, Any]
+    arrays: dict[str, tuple[str, tuple[int, ...]]]
     total: int
-    slabs: list
-    places: dict
+    slabs: list[tuple[int, int]]
+    places: dict[str, int | None]
     sums_place: int
 
 
@@ -78,7 +90,7 @@ def create(path, arrays, total, slabs, attributes):
     slabs : sequence of tuple of int
         First row and row after the last of every writer; together they cover all rows, in order.
     attributes : dict
-        JSON-able: at least ``version`` and ``job`` for `check_compatible`.
+        JSON-able.
 
     Raises
     ------
@@ -87,11 +99,11 @@ def create(path, arrays, total, slabs, attributes):
     ValueError
         If the slabs do not cover the rows in order.
     """
-    stops = [0, *(stop for _, stop in slabs)]
-    if [start for start, _ in slabs] != stops[:-1] or stops[-1] != total or sorted(stops) != stops:
+    if not _cover(slabs, total):
         raise ValueError(f"slabs {slabs} do not cover {total} rows in order")
-    temporary = _temporary(path)
+    temporary = temporary_name(path)
     with output_errors(path), _removed_on_error(path):
+        create_file(temporary)
         with h5py.File(temporary, "w", userblock_size=_USER_BLOCK) as file:
             group = file.create_group("arrays")
             places = {
@@ -106,10 +118,10 @@ def create(path, arrays, total, slabs, attributes):
                 places=places,
                 sums_place=create_dataset(file, "crc32", (len(slabs), len(arrays)), "<u4").id.get_offset(),
             )
-            text = json.dumps(asdict(header)).encode()
+            text = json.dumps(header.model_dump()).encode()
             place = create_dataset(file, "header", (len(text),), np.uint8).id.get_offset()
         line = f"{_TITLE} {FORMAT_VERSION} {place} {len(text)} {zlib.crc32(text)}\n"
-        with open(temporary, "r+b", buffering=0) as file:
+        with open(open_regular(temporary, _OWN), "r+b", buffering=0) as file:
             write_at(file.fileno(), text, place)
             write_at(file.fileno(), line.encode(), 0)
 
@@ -133,7 +145,7 @@ def write_slab(path, index, arrays):
     ValueError
         If the arrays are not those that `create` was told.
     """
-    temporary = _temporary(path)
+    temporary = temporary_name(path)
     header = read_header(temporary)
     start, stop = header.slabs[index]
     slab = {name: np.ascontiguousarray(arrays[name]) for name in header.arrays}
@@ -142,7 +154,7 @@ def write_slab(path, index, arrays):
         found, wanted = (slab[name].dtype.str, slab[name].shape), (dtype, (stop - start, *shape))
         if found != wanted:
             raise ValueError(f"{name} is {found}, not {wanted}")
-    with output_errors(path), open(temporary, "r+b", buffering=0) as file:
+    with output_errors(path), open(open_regular(temporary, _OWN), "r+b", buffering=0) as file:
         for name, rows in slab.items():
             if rows.size:
                 write_at(file.fileno(), rows, header.places[name] + start * (rows.nbytes // len(rows)))
@@ -164,7 +176,7 @@ def commit(path):
         If it cannot be renamed.
     """
     with output_errors(path):
-        os.replace(_temporary(path), path)
+        os.replace(temporary_name(path), path)
         sync_directory(Path(path).parent)
 
 
@@ -177,7 +189,7 @@ def discard(path):
         As given to `create`.
     """
     with contextlib.suppress(OSError):
-        _temporary(path).unlink(missing_ok=True)
+        temporary_name(path).unlink(missing_ok=True)
 
 
 def share_slabs(slabs, ranks, rank):
@@ -219,7 +231,7 @@ def read_header(path):
     OutputError
         If it is missing, truncated or altered.
     """
-    with output_errors(path), open(path, "rb") as file:
+    with output_errors(path), open(open_regular(path), "rb") as file:
         return _parse_header(path, file)
 
 
@@ -245,7 +257,7 @@ def read_slabs(path, indices):
     OutputError
         If it is missing, truncated or altered; the message names the array and the slab.
     """
-    with output_errors(path), open(path, "rb") as file:
+    with output_errors(path), open(open_regular(path), "rb") as file:
         header = _parse_header(path, file)
         width = len(header.arrays)
         sums = _read_rows(file, "<u4", len(header.slabs) * width, header.sums_place)
@@ -264,56 +276,6 @@ def read_slabs(path, indices):
                 parts.append(rows)
             arrays[name] = np.concatenate(parts)
     return arrays
-
-
-def check_compatible(header, job, version):
-    """Refuse to continue another job, or the work of another version of the code.
-
-    Parameters
-    ----------
-    header : Header
-        Of the checkpoint.
-    job : dict
-        The job to run, with its defaults, as it was given to `create`. It may differ in `FREE_KEYS`.
-    version : str
-        Version of the running code.
-
-    Raises
-    ------
-    InputError
-        Naming what differs, with the value in the checkpoint and the one now.
-    """
-    written = header.attributes["version"]
-    if written != version:
-        raise InputError("restart", f"the checkpoint was written by parmps {written}, this is {version}")
-    # The checkpoint's job went through JSON, which knows no tuples.
-    differences = list(_differences(header.attributes["job"], json.loads(json.dumps(job)), ""))
-    if differences:
-        key, before, now = differences[0]
-        message = f"{before} in the checkpoint, {now} in the job; only time.end and output may change"
-        if len(differences) > 1:
-            message += "; also different: " + ", ".join(other for other, _, _ in differences[1:])
-        raise InputError(key, message)
-
-
-def _differences(before, now, key):
-    """Yield (dotted key, value before, value now) for every leaf that differs."""
-    if key in FREE_KEYS or before == now:
-        return
-    if isinstance(before, dict) and isinstance(now, dict):
-        for name in [*before, *(name for name in now if name not in before)]:
-            inner = f"{key}.{name}" if key else name
-            yield from _differences(before.get(name, _MISSING), now.get(name, _MISSING), inner)
-    elif isinstance(before, list) and isinstance(now, list) and len(before) == len(now):
-        for index, (one, other) in enumerate(zip(before, now, strict=True)):
-            yield from _differences(one, other, f"{key}[{index}]")
-    else:
-        yield key, before, now
-
-
-def _temporary(path):
-    """Return the name that a checkpoint has until it is committed."""
-    return Path(path).with_name(Path(path).name + ".tmp")
 
 
 @contextlib.contextmanager
@@ -335,15 +297,35 @@ def _parse_header(path, file):
     if version != FORMAT_VERSION:
         reason = f"{path} has format {version}, this parmps reads format {FORMAT_VERSION}"
         raise InputError("restart", reason)
-    text = os.pread(file.fileno(), min(size, os.fstat(file.fileno()).st_size), place)
+    whole = os.fstat(file.fileno()).st_size
+    text = os.pread(file.fileno(), min(size, MAX_HEADER_BYTES), min(place, whole))
     if zlib.crc32(text) != checksum:
         raise OutputError(path, "is damaged: the header fails its checksum")
-    header = Header(**json.loads(text))
-    return replace(
-        header,
-        arrays={name: (dtype, tuple(shape)) for name, (dtype, shape) in header.arrays.items()},
-        slabs=[tuple(slab) for slab in header.slabs],
-    )
+    try:
+        header = Header.model_validate(json.loads(text))
+    except (ValueError, RecursionError):
+        raise OutputError(path, "is damaged: the header is not that of a checkpoint") from None
+    if not _fits(header, whole):
+        raise OutputError(path, "is damaged: the header tells of slabs or arrays that cannot be")
+    return header
+
+
+def _cover(slabs, total):
+    """Whether slabs cover all rows, in order."""
+    stops = [0, *(stop for _, stop in slabs)]
+    return [start for start, _ in slabs] == stops[:-1] and stops[-1] == total and sorted(stops) == stops
+
+
+def _fits(header, size):
+    """Whether the slabs and arrays that a header tells of can be in a file of a size, bytes."""
+    if not _cover(header.slabs, header.total) or header.places.keys() != header.arrays.keys():
+        return False
+    parts = [(header.sums_place, 4 * len(header.slabs) * len(header.arrays))]
+    for name, (dtype, shape) in header.arrays.items():
+        if not re.fullmatch(r"[<|][bif][1248]", dtype) or min(shape, default=1) < 1:
+            return False
+        parts.append((header.places[name] or 0, header.total * math.prod(shape) * int(dtype[-1])))
+    return all(place >= 0 and place + length <= size for place, length in parts)
 
 
 def _read_rows(file, entry, count, place):

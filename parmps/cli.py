@@ -10,9 +10,10 @@ from functools import partial
 from importlib.util import find_spec
 
 from parmps import __version__
-from parmps.errors import InputError, ParmpsError
+from parmps.errors import InputError, OutputError, ParmpsError
 from parmps.interrupt import Interrupt
 from parmps.loader import load_job
+from parmps.report import say
 from parmps.scene import Job
 from parmps.schema import json_schema, schema_markdown, schema_table
 
@@ -114,7 +115,12 @@ def _run_parser():
     parser.add_argument("--version", action="version", version=f"parmps {__version__}")
     _add_job(parser)
     parser.add_argument("--out", metavar="DIR", help="output directory, instead of the job's")
-    parser.add_argument("--restart", metavar="DIR", help="continue from that run's checkpoint, there or in --out")
+    parser.add_argument(
+        "--restart",
+        metavar="DIR",
+        type=run_directory,
+        help="continue from that run's checkpoint, DIR/checkpoint.h5, there or in --out",
+    )
     parser.add_argument(
         "--force", action="store_true", help="run even if more memory or disk is needed than this machine has"
     )
@@ -122,7 +128,8 @@ def _run_parser():
         "--wall-limit",
         metavar="TIME",
         type=wall_time,
-        help="stop with a checkpoint after this wall time: seconds, MM:SS or HH:MM:SS; leave time for a checkpoint",
+        help="stop with a checkpoint after this wall time: seconds, MM:SS, HH:MM:SS or D-HH:MM:SS; leave time for a "
+        "checkpoint",
     )
     return parser
 
@@ -179,7 +186,7 @@ def wall_time(text):
     Parameters
     ----------
     text : str
-        Seconds, ``MM:SS`` or ``HH:MM:SS``.
+        Seconds, ``MM:SS``, ``HH:MM:SS``, or with days ``D-HH``, ``D-HH:MM`` or ``D-HH:MM:SS``.
 
     Returns
     -------
@@ -191,12 +198,32 @@ def wall_time(text):
     argparse.ArgumentTypeError
         If it is none of these.
     """
-    if not re.fullmatch(r"\d{1,9}(\.\d*)?|(\d{1,6}:)?\d{1,6}:\d{1,2}", text, re.ASCII):
-        raise argparse.ArgumentTypeError(f"got '{text}', must be seconds, MM:SS or HH:MM:SS")
+    days, dash, rest = text.rpartition("-")
+    pattern = r"\d{1,2}(:\d{1,2}){0,2}" if dash else r"\d{1,9}(\.\d*)?|(\d{1,6}:)?\d{1,6}:\d{1,2}"
+    if not (re.fullmatch(r"\d{1,6}" if dash else "", days, re.ASCII) and re.fullmatch(pattern, rest, re.ASCII)):
+        raise argparse.ArgumentTypeError(f"got '{text}', must be seconds, MM:SS or HH:MM:SS, or D-HH:MM:SS with days")
+    parts = rest.split(":")
+    if dash:
+        parts += ["0"] * (3 - len(parts))
     seconds = 0.0
-    for part in text.split(":"):
+    for part in parts:
         seconds = 60.0 * seconds + float(part)
-    return seconds
+    return 86400.0 * float(days or 0.0) + seconds
+
+
+def run_directory(text):
+    """Directory of the run that is meant.
+
+    Parameters
+    ----------
+    text : str
+        The directory, or the checkpoint in it.
+
+    Returns
+    -------
+    str
+    """
+    return (os.path.dirname(text) or ".") if os.path.basename(text) == "checkpoint.h5" else text
 
 
 def _arguments(words):
@@ -206,8 +233,20 @@ def _arguments(words):
     return "run", _run_parser().parse_args(words)
 
 
+def _open_standard_streams():
+    """Give those that were closed at the start a file that takes all, so that no result takes their numbers."""
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # the lowest number that is free
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(number, "w" if number else "r"))  # noqa: SIM115 - for the life of the process
+
+
 def main():
     """Run the command line and exit with its status."""
+    _open_standard_streams()
     if sys.argv[1:2] and sys.argv[1] in ALONE:
         sys.exit(_main_alone())
     from parmps.domain import Domain
@@ -232,12 +271,8 @@ def main():
         if alone:
             domain.abort(problem.exit_status)
         sys.exit(problem.exit_status)
-    except Exception as problem:  # noqa: BLE001 - whatever failed on this rank, the others must not wait for it
-        if isinstance(problem, BrokenPipeError) and command in ("schema", "plan"):
-            # the reader of the output, such as `head`, has seen enough; nor must the exit write any more to it
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            return
-        print(f"parmps: rank {domain.rank} failed:\n{traceback.format_exc()}", file=sys.stderr, flush=True)
+    except Exception:  # noqa: BLE001 - whatever failed on this rank, the others must not wait for it
+        say(f"parmps: rank {domain.rank} failed:\n{traceback.format_exc()}", sys.stderr)
         domain.abort(4)
 
 
@@ -254,7 +289,14 @@ def _main_alone():
 
 
 def _tell(problem):
-    print(f"parmps: {problem.title}: {problem}", file=sys.stderr, flush=True)
+    say(f"parmps: {problem.title}: {problem}", sys.stderr)
+
+
+def _print(text):
+    """Print what was asked for; a reader such as `head` may have seen enough of it."""
+    problem = say(text, sys.stdout)
+    if problem is not None and not isinstance(problem, BrokenPipeError):
+        raise OutputError("standard output", problem.strerror)
 
 
 def _print_schema(arguments):
@@ -262,9 +304,9 @@ def _print_schema(arguments):
 
     model = Sweep if arguments.sweep else Job
     if arguments.json:
-        print(json.dumps(json_schema(model), indent=2))
+        _print(json.dumps(json_schema(model), indent=2))
     else:
-        print(schema_markdown(model) if arguments.markdown else schema_table(model))
+        _print(schema_markdown(model) if arguments.markdown else schema_table(model))
 
 
 def _sweep(arguments):
@@ -275,7 +317,7 @@ def _sweep(arguments):
     sweep, cases = load_sweep(arguments.sweep, counts)
     if arguments.script:
         campaign.prepare(sweep, cases)
-        print(campaign.script(sweep, campaign.missing_cases(sweep, cases, arguments.retry), arguments.script))
+        _print(campaign.script(sweep, campaign.missing_cases(sweep, cases, arguments.retry), arguments.script))
         return 0
     run = campaign.results if arguments.collect else partial(campaign.run_sweep, retry=arguments.retry)
     ends = run(sweep, cases)
@@ -285,12 +327,14 @@ def _sweep(arguments):
         drawn = [picture.stem for picture in save_sweep(sweep)]
         empty = [measure.name for measure in sweep.measures if measure.name not in drawn]
         if empty and "done" in ends:
-            print(f"no case has a value of {', '.join(empty)}: peaks need at least one whole cycle in the window")
+            why = "peaks need at least one whole cycle in the window"
+            say(f"no case has a value of {', '.join(empty)}: {why}", sys.stdout)
     else:
-        print("no figures were drawn: that needs matplotlib")
+        say("no figures were drawn: that needs matplotlib", sys.stdout)
     done = ends.count("done")
     failed = [f"case {case.name} {end}" for case, end in zip(cases, ends, strict=True) if end.startswith("failed")]
-    print("\n".join([*failed, f"{done} of {len(cases)} cases are done; results are in {campaign.results_path(sweep)}"]))
+    end = f"{done} of {len(cases)} cases are done; results are in {campaign.results_path(sweep)}"
+    say("\n".join([*failed, end]), sys.stdout)
     return 4 if failed else 0
 
 
@@ -307,7 +351,7 @@ def _prepare(domain):
                 job = load_job(arguments.job, arguments.set)
                 _check_restart(getattr(arguments, "restart", None))
                 for warning in cautions(job):
-                    print(f"parmps: warning: {warning}", file=sys.stderr, flush=True)
+                    say(f"parmps: warning: {warning}", sys.stderr)
             result = command, arguments, job, None
         except ParmpsError as problem:
             result = None, None, None, problem
@@ -341,11 +385,11 @@ def _plan(job, arguments, domain):
     from parmps.planning import plan_text
 
     def tell():
-        print(plan_text(job, domain))
+        _print(plan_text(job, domain))
         if arguments.png:
             from parmps.figures.start import draw_plan
 
-            print(f"\nThe particles at the start are drawn in {draw_plan(job, arguments.png)}")
+            _print(f"\nThe particles at the start are drawn in {draw_plan(job, arguments.png)}")
 
     _on_main(domain, tell)
 

@@ -1,18 +1,15 @@
-"""What a run leaves behind: particle frames, probe signals and the run summary.
+"""What a run leaves behind: particle frames and the run summary; the signals of its probes are in `table`.
 
 Every file can be read while the run goes on, and after a kill at any instant it holds complete frames and
 complete rows only. Nothing here knows MPI: a caller passes the rows that it holds and where they go, and
 puts the barriers between `ParticleFile.create`, `ParticleFile.write` on every rank, and
 `ParticleFile.commit` on one.
 
-At equal times, the checkpoint comes before output: a restart keeps everything before the time of its checkpoint, and
-writes what is due at that time anew.
+At equal times, the checkpoint comes before output: a restart keeps what was written before its checkpoint, and writes
+what is due at that time anew.
 """
 
 import contextlib
-import csv
-import errno
-import io
 import json
 import os
 import struct
@@ -23,7 +20,8 @@ import h5py
 import numpy as np
 
 from parmps.errors import OutputError
-from parmps.slabs import create_dataset, output_errors, write_at
+from parmps.hdf5 import member, numbers, opened
+from parmps.slabs import create_dataset, make_directory, open_regular, output_errors, replacing, write_at
 
 RESULT_FILES = ("probes.csv", "particles.vtkhdf", "checkpoint.h5", "run.json", "run.log")
 """The files of an output directory."""
@@ -45,6 +43,8 @@ POINT_BYTES = 24 + sum(np.dtype(dtype).itemsize * int(np.prod(shape)) for dtype,
 """Of a particle in a frame."""
 FRAME_BYTES = 24
 """Of a frame without particles: its time, its number of parts, and its first point."""
+ELSEWHERE = "with --out DIR the run continues without this file"
+"""What can be done where a result file is not what a checkpoint left."""
 
 _PAGE = 4096
 _COPY_BYTES = 1 << 24
@@ -71,27 +71,30 @@ def prepare_directory(path, restart):
         If something else is in the way, or if the directory cannot be written.
     """
     path = Path(path)
-    with output_errors(path):
-        for place in (path, path / "previous"):
-            if os.path.exists(place) and not place.is_dir():
-                raise OutputError(place, "is in the way: not a directory")
-        path.mkdir(parents=True, exist_ok=True)
-        # Asking for permissions is not enough: root, network and read-only file systems answer otherwise.
-        with tempfile.TemporaryFile(dir=path):
-            pass
+    make_directory(path)
+    previous = path / "previous"
+    if previous.is_symlink() or (previous.exists() and not previous.is_dir()):
+        raise OutputError(previous, "is in the way: not a directory")
+    with output_errors(path), tempfile.TemporaryFile(dir=path):
+        pass  # asking for permissions is not enough: root, network and read-only file systems answer otherwise
     for name in RESULT_FILES:
-        if (path / name).is_dir():
-            raise OutputError(path / name, "a directory is in the way of a result file")
+        found = path / name
+        if found.is_dir():
+            raise OutputError(found, "a directory is in the way of a result file")
+        if os.path.exists(found) and not found.is_file():
+            raise OutputError(found, "is in the way of a result file: not a regular file")
+        if restart and found.is_symlink() and not found.exists():
+            raise OutputError(found, "is in the way of a result file: a link to nothing")
     if restart:
         return
-    earlier = [path / name for name in RESULT_FILES if (path / name).exists()]
+    earlier = [path / name for name in RESULT_FILES if os.path.lexists(path / name)]
     if earlier:
-        with output_errors(path / "previous"):
-            (path / "previous").mkdir(exist_ok=True)
+        with output_errors(previous):
+            previous.mkdir(exist_ok=True)
             for name in RESULT_FILES:
-                (path / "previous" / name).unlink(missing_ok=True)
+                (previous / name).unlink(missing_ok=True)
             for file in earlier:
-                os.replace(file, path / "previous" / file.name)
+                os.replace(file, previous / file.name)
 
 
 def write_text(path, text):
@@ -109,19 +112,10 @@ def write_text(path, text):
     OutputError
         If it cannot be written; an earlier file stays as it was.
     """
-    path = Path(path)
-    temporary = path.with_name(path.name + ".tmp")
-    with output_errors(path):
-        try:
-            with open(temporary, "w", encoding="utf-8") as file:
-                file.write(text)
-                file.flush()
-                os.fsync(file.fileno())
-            os.replace(temporary, path)
-        except OSError:
-            with contextlib.suppress(OSError):
-                temporary.unlink(missing_ok=True)
-            raise
+    with output_errors(path), replacing(path) as temporary, open(temporary, "w", encoding="utf-8") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
 
 
 def write_json(path, content):
@@ -169,19 +163,31 @@ class ParticleFile:
     def __init__(self, path):
         self.path = Path(path)
         with output_errors(self.path):
-            with h5py.File(self.path, "r") as file:
-                group = file["VTKHDF"]
-                self.points = int(group["NumberOfPoints"][0])
-                self.capacity = len(group["Steps/PointOffsets"])
-                self._count_at, self._length_at = (int(word) for word in file["parmps/commit_words"])
-                self._times_at = int(file["parmps/times_at"][()])
-                self._offsets = {name: group["PointData"][name].id.get_offset() for name in POINT_DATA}
-                self._offsets["position"] = group["Points"].id.get_offset()
-                committed = int(group["Steps"].attrs["NSteps"])
-            self._descriptor = os.open(self.path, os.O_RDWR)
-        if committed != self.frames:
+            with opened(self.path) as file:
+                committed = self._find(file)
+            self._descriptor = open_regular(self.path, os.O_RDWR)
+        if committed != self.frames or not 0 <= committed <= self.capacity:
             self.close()
             raise OutputError(self.path, "is damaged, or was rewritten by another program")
+
+    def _find(self, file):
+        """Find where things are, none of it elsewhere or beyond the file's end; return the number of frames."""
+        group, size = member(file, "VTKHDF"), os.path.getsize(self.path)
+        self.points = int(numbers(group, "NumberOfPoints", "i")[0])
+        self.capacity = len(numbers(group, "Steps/PointOffsets", "i"))
+        self._count_at, self._length_at = (int(word) for word in numbers(file, "parmps/commit_words", "i")[:2])
+        self._times_at = int(numbers(file, "parmps/times_at", "i")[()])
+        parts = [(self._count_at, 8, _PAGE), (self._length_at, 8, _PAGE), (self._times_at, 8 * self.capacity, size)]
+        self._offsets = {}
+        for name, (dtype, shape) in {"position": ("<f8", (3,)), **POINT_DATA}.items():
+            data = numbers(group, "Points" if name == "position" else f"PointData/{name}", "if")
+            if data.dtype != dtype or data.shape != (self.points * self.capacity, *shape):
+                raise ValueError(f"'{data.name}' is not that of {self.capacity} frames of {self.points} particles")
+            self._offsets[name] = data.id.get_offset()
+            parts.append((-1 if self._offsets[name] is None else self._offsets[name], data.nbytes, size))
+        if any(begin < 0 or begin + length > end for begin, length, end in parts):
+            raise ValueError("it does not hold the frames that it tells of")
+        return int(np.asarray(member(group, "Steps").attrs["NSteps"]).reshape(()))
 
     @classmethod
     def create(cls, path, points, frames, attributes):
@@ -207,20 +213,12 @@ class ParticleFile:
         """
         if points < 1 or frames < 1:
             raise ValueError(f"{points} particles and {frames} frames")
-        path = Path(path)
-        temporary = path.with_name(path.name + ".tmp")
-        with output_errors(path):
-            try:
-                _lay_out(temporary, points, frames, attributes)
-                os.replace(temporary, path)
-            except Exception:
-                with contextlib.suppress(OSError):
-                    temporary.unlink(missing_ok=True)
-                raise
+        with output_errors(path), replacing(path) as temporary:
+            _lay_out(temporary, points, frames, attributes)
 
     @classmethod
-    def resume(cls, path, points, frames, time):
-        """Cut a file back to a time and make room for the frames to come; for one process only.
+    def resume(cls, path, points, frames, mark):
+        """Cut a file back to the frames of a checkpoint and make room for those to come; for one process only.
 
         Parameters
         ----------
@@ -230,8 +228,8 @@ class ParticleFile:
             Particles in every frame; must be those of the file.
         frames : int
             Frames that the run needs from the restart on.
-        time : float
-            Time of the restart, s; later frames are dropped.
+        mark : dict
+            What `mark` told at the checkpoint; later frames are dropped.
 
         Returns
         -------
@@ -243,16 +241,35 @@ class ParticleFile:
         OutputError
             If the file cannot be continued.
         """
+        kept, last = mark["frames"], mark["last"]
         with contextlib.closing(cls(path)) as old:
             if old.points != points:
                 raise OutputError(path, f"holds {old.points} particles a frame, the run has {points}")
             with output_errors(path):
-                kept = int(np.searchsorted(old.times(), time, side="right"))
+                times = old.times()[:kept]
+                if len(times) < kept:
+                    end = f", the last of them at t = {times[-1]:g} s" if len(times) else ""
+                    belong = f"{kept} frames up to t = {last:g} s that belong to the checkpoint"
+                    raise OutputError(path, f"has {len(times)} of the {belong}{end}; {ELSEWHERE}")
+                if kept and times[-1] != last:
+                    reason = f"has frame {kept} at t = {times[-1]:g} s, which the checkpoint knows at t = {last:g} s"
+                    raise OutputError(path, f"{reason}; {ELSEWHERE}")
                 if old.capacity >= kept + frames:
                     old._set_count(kept)
                 else:
                     old._copy_into_larger(kept, kept + frames)
         return kept
+
+    def mark(self):
+        """Tell a checkpoint what belongs to it.
+
+        Returns
+        -------
+        dict
+            ``frames``, the number committed, and ``last``, the time of the last one, s, or None.
+        """
+        times = self.times()
+        return {"frames": len(times), "last": float(times[-1]) if len(times) else None}
 
     @property
     def frames(self):
@@ -351,8 +368,9 @@ class ParticleFile:
 
     def _copy_into_larger(self, kept, frames):
         """Replace the file by one with more room that holds the first `kept` frames."""
-        with h5py.File(self.path, "r") as file:
-            texts = {name: text.asstr()[()] for name, text in file["parmps/attributes"].items()}
+        with opened(self.path) as file:
+            group = member(file, "parmps/attributes")
+            texts = {name: member(group, name).asstr()[()] for name in group}
         larger_path = self.path.with_name(self.path.name + ".larger")
         self.create(larger_path, self.points, frames, texts)
         try:
@@ -455,131 +473,3 @@ def _lay_out_points(group, points, frames):
         else:
             topology["Offsets"] = np.zeros(1, "<i8")
             topology["Connectivity"] = np.zeros(0, "<i8")
-
-
-class ProbeTable:
-    """Probe signals in ``probes.csv``: a header, then one line a sampling time.
-
-    Every line reaches the file by one write, so a reader finds whole lines only. Times are written so that
-    they read back as the same number, signals with ten digits.
-
-    Parameters
-    ----------
-    path : path-like
-        A file that has its header.
-    columns : sequence of str
-        Signals in the order of the values, ``name [unit]``.
-    """
-
-    def __init__(self, path, columns):
-        self.path = Path(path)
-        self.columns = tuple(columns)
-        with output_errors(self.path):
-            self._descriptor = os.open(self.path, os.O_WRONLY | os.O_APPEND)
-
-    @classmethod
-    def create(cls, path, columns):
-        """Start a table.
-
-        Parameters
-        ----------
-        path : path-like
-            The file, replaced if it exists.
-        columns : sequence of str
-            Signals, ``name [unit]``.
-
-        Returns
-        -------
-        ProbeTable
-
-        Raises
-        ------
-        OutputError
-            If it cannot be written.
-        """
-        write_text(path, _header_line(columns))
-        return cls(path, columns)
-
-    @classmethod
-    def resume(cls, path, columns, time):
-        """Continue a table after the lines up to a time; later ones are dropped.
-
-        Parameters
-        ----------
-        path : path-like
-            The table of the run to continue.
-        columns : sequence of str
-            Signals, ``name [unit]``; must be those of the file.
-        time : float
-            Time of the restart, s.
-
-        Returns
-        -------
-        ProbeTable
-
-        Raises
-        ------
-        OutputError
-            If the file is missing, has other columns, or cannot be written.
-        """
-        with output_errors(path):
-            lines = Path(path).read_text(encoding="utf-8").splitlines(keepends=True)
-            header = _header_line(columns)
-            if not lines or lines[0] != header:
-                found = lines[0].strip() if lines else "nothing"
-                raise OutputError(path, f"has the columns {found}; the run has {header.strip()}")
-            # After a power failure the last line may be torn: it has no end.
-            rows = [line for line in lines[1:] if line.endswith("\n")]
-            kept = [row for row in rows if float(row.split(",", 1)[0]) <= time]
-        write_text(path, "".join([header, *kept]))
-        return cls(path, columns)
-
-    def write(self, time, values):
-        """Append one line.
-
-        Parameters
-        ----------
-        time : float
-            s.
-        values : sequence of float
-            One value a signal, in the units of the header.
-
-        Raises
-        ------
-        OutputError
-            If the line cannot be written; the lines before it stay as they were.
-        ValueError
-            If the number of values is not that of the columns.
-        """
-        if len(values) != len(self.columns):
-            raise ValueError(f"{len(values)} values for {len(self.columns)} signals")
-        line = ",".join([repr(float(time)), *(f"{value:.10g}" for value in values)]) + "\n"
-        data = line.encode()
-        with output_errors(self.path):
-            written = os.write(self._descriptor, data)
-            if written < len(data):
-                os.ftruncate(self._descriptor, os.fstat(self._descriptor).st_size - written)
-                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    def sync(self):
-        """Wait until the lines are on the disk; call before a checkpoint relies on them.
-
-        Raises
-        ------
-        OutputError
-            If the disk did not take them.
-        """
-        with output_errors(self.path):
-            os.fsync(self._descriptor)
-
-    def close(self):
-        """Close the file."""
-        os.close(self._descriptor)
-
-
-def _header_line(columns):
-    """Return the first line of a table, names quoted where CSV needs it."""
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerow(["time [s]", *columns])
-    return text.getvalue()
-

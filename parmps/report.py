@@ -29,6 +29,31 @@ SECONDS_BETWEEN_LINES = 5.0
 _BAR_FORMAT = "{percentage:3.0f}%|{bar}| {n:.3f}/{total:g} s simulated, {postfix}"
 
 
+def say(text, stream):
+    """Print a line where it can be printed; a reader that is gone, or a full disk, is no reason to end.
+
+    Parameters
+    ----------
+    text : str
+    stream : file
+        Standard output or standard error. What cannot take the text takes no more: its descriptor leads nowhere then,
+        so that the exit of the program has nothing to complain about either.
+
+    Returns
+    -------
+    OSError or None
+        Why it could not be printed.
+    """
+    try:
+        print(text, file=stream, flush=True)
+    except OSError as error:
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, stream.fileno())
+        os.close(nowhere)
+        return error
+    return None
+
+
 class RunLog:
     """The log of a run and its progress.
 
@@ -62,9 +87,9 @@ class RunLog:
         """
         self.note(text)
         if self._bar is not None:
-            self._bar.write(text, file=sys.stdout)
+            self._draw(lambda bar: bar.write(text, file=sys.stdout))
         else:
-            print(text, flush=True)
+            self._note_deaf(say(text, sys.stdout))
 
     def start(self, time, end):
         """Begin to show progress.
@@ -79,7 +104,7 @@ class RunLog:
         self._first_time = None
         if self._terminal:
             self._bar = tqdm(total=end, initial=time, bar_format=_BAR_FORMAT, leave=True, dynamic_ncols=True)
-            self._bar.set_postfix_str("starting")
+            self._draw(lambda bar: bar.set_postfix_str("starting"))
 
     def progress(self, time, step, dt, iterations):
         """Show how far the run is; call it every step, it speaks every few seconds.
@@ -100,8 +125,8 @@ class RunLog:
             self._first_time, self._first_clock = time, now
         left = self._time_left(time, now)
         if self._bar is not None:
-            self._bar.set_postfix_str(f"{left} left, dt {dt * 1e3:.3g} ms", refresh=False)
-            self._bar.update(time - self._bar.n)
+            self._draw(lambda bar: bar.set_postfix_str(f"{left} left, dt {dt * 1e3:.3g} ms", refresh=False))
+            self._draw(lambda bar: bar.update(time - bar.n))
         if now - self._last_clock >= SECONDS_BETWEEN_LINES:
             self._last_clock = now
             text = (
@@ -116,8 +141,8 @@ class RunLog:
     def stop(self):
         """End the progress bar, if there is one."""
         if self._bar is not None:
-            self._bar.set_postfix_str(f"{duration(clock.monotonic() - self._began)} taken")
-            self._bar.close()
+            self._draw(lambda bar: bar.set_postfix_str(f"{duration(clock.monotonic() - self._began)} taken"))
+            self._draw(lambda bar: bar.close())
             self._bar = None
 
     def close(self):
@@ -135,6 +160,23 @@ class RunLog:
         """
         with output_errors(self.path):
             self._file.write(text + "\n")
+
+    def _draw(self, change):
+        """Change the bar, if there still is one: a terminal may be closed while the run goes on."""
+        if self._bar is None:
+            return
+        try:
+            change(self._bar)
+        except OSError as error:
+            self._bar.disable = True
+            self._bar = None
+            self._note_deaf(error)
+
+    def _note_deaf(self, problem):
+        """Note why something could not be shown, if so."""
+        if problem is not None:
+            what = f"The standard output takes no more ({problem.strerror})"
+            self.note(f"{what}: the run goes on, and tells this file alone.")
 
     def _time_left(self, time, now):
         """Return the wall time to the end at the mean speed so far, as text."""

@@ -18,10 +18,12 @@ from numba.core.event import install_listener
 import parmps
 from parmps import checkpoint
 from parmps.cautions import cautions
-from parmps.errors import BeyondLimits, DivergedError, OutputError, StoppedError
+from parmps.continuation import Inputs, check_arrays, check_attributes, check_particles
+from parmps.errors import BeyondLimits, DivergedError, OutputError, ParmpsError, StoppedError
 from parmps.interrupt import Interrupt, reason
 from parmps.loader import job_text
-from parmps.output import ParticleFile, ProbeTable, prepare_directory, write_json
+from parmps.lock import DirectoryLock
+from parmps.output import ParticleFile, prepare_directory, write_json
 from parmps.particles import FIELDS, FLUID
 from parmps.planning import needs
 from parmps.pressure import petsc_version
@@ -30,6 +32,7 @@ from parmps.report import Compilation, RunLog, advice, command_line, timer_table
 from parmps.samples import Samples
 from parmps.simulation import COUNTERS, SUMMED, Simulation
 from parmps.stages import wall_friction
+from parmps.table import ProbeTable, kept_lines
 
 
 class Schedule:
@@ -97,8 +100,10 @@ class Run:
         self.job, self.domain, self.interrupt = job, domain, interrupt or Interrupt()
         self.directory = Path(directory)
         self.main = domain.rank == 0
+        self._lock = None
         self.warnings = cautions(job) if self.main else []
         self.simulation = Simulation(job, domain)
+        self.inputs = self._on_main(lambda: Inputs(job))
         end, out = job.time.end, job.output
         self.schedule = Schedule(out.probes_every, end)
         self.frames = Schedule(out.particles_every, end)
@@ -106,16 +111,35 @@ class Run:
         probes = build_probes(job, self.simulation.geometry)
         viscous = "viscosity" in self.simulation.seconds
         self.samples = Samples(probes, domain, self.simulation.particles, self.schedule, viscous)
+        in_place = restart is not None and self.directory.resolve() == Path(restart).resolve()
+        try:
+            self._begin(restart, in_place)
+        except ParmpsError:
+            self._release()
+            raise
+
+    def _begin(self, restart, in_place):
+        if in_place:
+            self._hold()
         if restart is not None:
             self._read_checkpoint(Path(restart) / "checkpoint.h5")
-        in_place = restart is not None and self.directory.resolve() == Path(restart).resolve()
+        if not in_place:  # a checkpoint that is refused leaves no directory behind
+            self._hold()
         self._on_main(lambda: prepare_directory(self.directory, in_place))
-        self.log = self._on_main(lambda: RunLog(self.directory / "run.log", _watched()))
         self._open_results(in_place)
+        self.log = self._on_main(lambda: RunLog(self.directory / "run.log", _watched()))
         self._first_step = self.simulation.step_number
         self._compilation = Compilation(self.log.line if self.main else None)
         self._seconds_of_results = 0.0
-        self._good = self.simulation.snapshot(), self.samples.state()
+        self._keep()
+
+    def _hold(self):
+        """Take the directory, which another run may have."""
+        self._lock = self._on_main(lambda: DirectoryLock(self.directory))
+
+    def _release(self):
+        if self._lock is not None:
+            self._lock.close()
 
     def _on_main(self, action):
         """Do something on rank 0 alone; its error, if any, is raised on all ranks."""
@@ -123,7 +147,7 @@ class Run:
         if self.main:
             try:
                 result = action()
-            except OutputError as problem:
+            except ParmpsError as problem:
                 error = problem
         error = self.domain.share(error)
         if error is not None:
@@ -135,7 +159,7 @@ class Run:
         result = error = None
         try:
             result = action()
-        except OutputError as problem:
+        except ParmpsError as problem:
             error = problem
         errors = [e for e in self.domain.gather(error) if e is not None]
         if errors:
@@ -148,22 +172,30 @@ class Run:
         columns, began = list(self.samples.columns), self.simulation.time
         if not in_place and self.samples.sampled != began:
             self.samples.forget_row()
-        kept = began if self.samples.pending is None else self.samples.sampled
         table, path = self.directory / "probes.csv", self.directory / "particles.vtkhdf"
         total, frames = self.simulation.totals["total"], self.frames.count(began)
 
         def begin():
             if in_place:
-                self.frame = ParticleFile.resume(path, total, frames, math.nextafter(began, -math.inf))
-                return ProbeTable.resume(table, columns, math.nextafter(kept, -math.inf))
+                lines = kept_lines(table, columns, self._results["table"])
+                self.frame = ParticleFile.resume(path, total, frames, self._results["particles"])
+                return ProbeTable(table, columns, lines)
             self.frame = 0
             texts = {"job": job_text(self.job), "version": parmps.__version__}
             ParticleFile.create(path, total, frames, texts)
-            return ProbeTable.create(table, columns)
+            return ProbeTable(table, columns)
 
         self.table = self._on_main(begin)
         self.frame = self.domain.share(self.frame if self.main else None)
         self.particle_file = self._everywhere(lambda: ParticleFile(path))
+
+    def _keep(self):
+        """Keep the state and what is in the results, to come back to if the solution goes wrong."""
+        self._good = self.simulation.snapshot(), self.samples.state(), self._mark()
+
+    def _mark(self):
+        """What is in the results, for a checkpoint of rank 0, which writes them."""
+        return {"table": self.table.mark(), "particles": self.particle_file.mark()} if self.main else None
 
     def _state(self):
         """What gauges see: the rank's own particles."""
@@ -188,7 +220,7 @@ class Run:
             return
         s.note_energy()
         self._write_rows(self.samples.take(s.time, self._state()))
-        self._good = s.snapshot(), self.samples.state()
+        self._keep()
 
     def _write_rows(self, rows):
         for row in rows:
@@ -206,8 +238,8 @@ class Run:
 
     # Checkpoints
 
-    def _save(self):
-        """Write a checkpoint, then forget what a restart from it could not know."""
+    def _save(self, results):
+        """Write a checkpoint with what was in the results then, and forget what a restart from it could not know."""
         s, p = self.simulation, self.simulation.particles
         path = self.directory / "checkpoint.h5"
         self.samples.flush()
@@ -219,6 +251,8 @@ class Run:
         attributes = {
             "job": self.job.model_dump(mode="json"),
             "version": parmps.__version__,
+            "inputs": self.inputs.until(s.time) if self.main else {},
+            "results": results,
             "counters": counters,
             "samples": self.samples.state(),
             "left": [item for part in self.domain.gather(s.left) for item in part],
@@ -237,14 +271,20 @@ class Run:
 
     def _read_checkpoint(self, path):
         s, domain = self.simulation, self.domain
+        header = self._everywhere(lambda: checkpoint.read_header(path))
+        job, counters = self.job.model_dump(mode="json"), {name: getattr(s, name) for name in COUNTERS}
+        self._on_main(lambda: check_attributes(path, header, job, parmps.__version__, self.inputs, counters))
 
         def read():
-            header = checkpoint.read_header(path)
-            checkpoint.check_compatible(header, self.job.model_dump(mode="json"), parmps.__version__)
-            share = checkpoint.share_slabs(len(header.slabs), domain.size, domain.rank)
-            return header, checkpoint.read_slabs(path, share)
+            check_arrays(path, header, s.totals)
+            arrays = checkpoint.read_slabs(path, checkpoint.share_slabs(len(header.slabs), domain.size, domain.rank))
+            check_particles(path, arrays, s.totals, self.job)
+            return arrays
 
-        header, arrays = self._everywhere(read)
+        arrays = self._everywhere(read)
+        if domain.sum(int(arrays["id"].sum())) != header.total * (header.total - 1) // 2:
+            raise OutputError(path, "is damaged: some of its particles are there twice")
+        self._results = header.attributes["results"]
         counters, left = dict(header.attributes["counters"]), header.attributes["left"]
         if not self.main:
             counters |= {name: type(counters[name])(0) for name in SUMMED}
@@ -281,15 +321,16 @@ class Run:
             if s.ledger.warnings():
                 raise BeyondLimits("; ".join(s.ledger.warnings()))
         except StoppedError as end:
-            self._save()
+            self._save(self._mark())
             self._write_rows(self.samples.rows())
             self._finish(str(end), start)
             raise
         except DivergedError as error:
             # a checkpoint of the last sample, from before the solution went wrong
-            s.restore(self._good[0])
-            self.samples.restore(self._good[1])
-            self._save()
+            state, samples, results = self._good
+            s.restore(state)
+            self.samples.restore(samples)
+            self._save(results)
             self._write_rows(self.samples.rows())
             self._finish(f"diverged: {error}", start)
             raise
@@ -302,7 +343,7 @@ class Run:
         while True:
             if self.saves.due(s.time) and s.time > began:
                 with self._writing():
-                    self._save()
+                    self._save(self._mark())
             s.balance()
             request = s.choose_step(min(schedule.after(s.time) for schedule in schedules), self.interrupt.request())
             if request and s.time < end:
@@ -335,6 +376,8 @@ class Run:
         )
         memory, disk = needs(self.job, self.domain.size)
         line(f"about {memory / 1e6:.3g} MB of memory a rank and {sum(disk.values()) / 1e6:.3g} MB of disk")
+        if not self._lock.holds:
+            line(f"The file system of {self.directory} has no locks: nothing keeps another run from writing there too.")
         for warning in self.warnings:  # which the command line has shown before it placed the particles
             self.log.note(f"warning: {warning}")
 
@@ -384,6 +427,7 @@ class Run:
         if self.main:
             self.table.close()
             self.log.close()
+            self._release()
 
     def record(self):
         """What run.json holds; collective.
@@ -448,8 +492,8 @@ class Run:
 
 
 def _watched():
-    """Whether a person watches: the standard output is a terminal, and so is that of mpirun, which passes it on."""
-    if not sys.stdout.isatty():
+    """Whether a person watches: both outputs are a terminal, and so is that of mpirun, which passes them on."""
+    if not (sys.stdout.isatty() and sys.stderr.isatty()):
         return False
     try:
         return os.readlink(f"/proc/{os.getppid()}/fd/1").startswith(("/dev/pts/", "/dev/tty"))

@@ -191,7 +191,7 @@ class Samples:
         }
 
     def restore(self, state):
-        """Go on from a state; with other columns than its own, anew.
+        """Go on from a state; probes that it does not know have no value until their first sample of their own.
 
         Parameters
         ----------
@@ -199,8 +199,22 @@ class Samples:
             As returned by `state`.
         """
         self._steps = []
-        if state["columns"] != list(self.columns):
-            return
-        self.pending, self.sampled, self.time = state["pending"], state["sampled"], state["time"]
-        self.value = np.array(state["value"])
-        self.now, self.later = Interval(*state["now"]), Interval(*state["later"])
+        titles = state["columns"]
+        known = [probe for probe in self.probes if set(probe.columns) <= set(titles)]
+        known.sort(key=lambda probe: titles.index(next(iter(probe.columns))))
+        gauges, loads = ([p for p in known if hasattr(p, "value") == instant] for instant in (True, False))
+        self.sampled, self.time = state["sampled"], state["time"]
+        if state["pending"] is not None:
+            values = dict(zip(map(id, gauges), state["pending"], strict=True))
+            self.pending = [values.get(id(gauge), [np.nan] * len(gauge.columns)) for gauge in self.gauges]
+        begins = dict(zip(map(id, loads), np.cumsum([0, *(load.signals for load in loads)]), strict=False))
+        places = np.concatenate([
+            begins[id(load)] + np.arange(load.signals) if id(load) in begins else np.full(load.signals, -1)
+            for load in self.loads.loads
+        ] or [np.empty(0)]).astype(int)
+
+        def signals(values):
+            return np.append(values, np.nan)[places]
+
+        self.value = signals(state["value"])
+        self.now, self.later = (Interval(t, signals(a), signals(b)) for t, a, b in (state["now"], state["later"]))

@@ -33,6 +33,20 @@ def _resolved(path, info: ValidationInfo):
 InputPath = Annotated[FilePath, BeforeValidator(_resolved)]
 
 
+def _paths(value, key, field=None):
+    """Yield (dotted key, path) of every path in a section."""
+    if isinstance(value, Section):
+        for name, inner in type(value).model_fields.items():
+            yield from _paths(getattr(value, name), f"{key}.{name}" if key else name, inner)
+    elif isinstance(value, tuple):
+        for number, item in enumerate(value):
+            yield from _paths(item, f"{key}[{number}]")
+    elif isinstance(value, str) and field is not None:
+        optional = (item for part in get_args(field.annotation) for item in getattr(part, "__metadata__", ()))
+        if any(getattr(item, "func", None) is _resolved for item in (*field.metadata, *optional)):
+            yield key, value
+
+
 def _union(*members):
     """Make a type that is one of several sections, told apart by their key ``kind``."""
     by_kind = {kind: TAG_MARK + model.__name__ for model in members for kind in model.kinds()}
@@ -459,6 +473,11 @@ class Job(Section):
     def full(self):
         """Whether layers of liquid, which regions displace, fill the tank to its lid: there is no free surface."""
         return self.tank.lid and sum(depth or 0.0 for depth in self.depths) > self.tank.height * (1.0 - 1e-9)
+
+    @property
+    def input_files(self):
+        """Files that the job reads: dict of absolute path (str) by dotted key."""
+        return {key: path for key, path in _paths(self, "") if not key.startswith("output.")}
 
     @model_validator(mode="before")
     @classmethod

@@ -11,8 +11,12 @@ writing a byte in every block, which is slow and may overwrite a neighbour's row
 the write itself instead, and what was half written is never committed.
 """
 
+import contextlib
+import errno
 import os
+import stat
 from contextlib import contextmanager
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -41,6 +45,113 @@ def output_errors(path):
         raise OutputError(path, error.strerror or str(error)) from error
     except (RuntimeError, KeyError, ValueError) as error:
         raise OutputError(path, f"cannot be used: {error}") from error
+
+
+def make_directory(path):
+    """Make a directory with its parents, if it is missing.
+
+    Parameters
+    ----------
+    path : path-like
+
+    Raises
+    ------
+    OutputError
+        If something else is in the way, or it cannot be made.
+    """
+    with output_errors(path):
+        if os.path.exists(path) and not os.path.isdir(path):
+            raise OutputError(path, "is in the way: not a directory")
+        os.makedirs(path, exist_ok=True)
+
+
+def open_regular(path, flags=os.O_RDONLY):
+    """Open a file that is one, and nothing else: a pipe would be waited for, a device read without end.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    flags : int
+        Of ``os.open``.
+
+    Returns
+    -------
+    int
+        File descriptor.
+
+    Raises
+    ------
+    OSError
+        If it cannot be opened, or is a directory, a pipe or a device.
+    """
+    descriptor = os.open(path, flags | os.O_NONBLOCK, 0o666)
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.close(descriptor)
+        raise OSError(errno.EINVAL, "is not a regular file")
+    return descriptor
+
+
+def temporary_name(path):
+    """Name that a file has until it is whole, beside the one that it replaces.
+
+    Parameters
+    ----------
+    path : path-like
+
+    Returns
+    -------
+    Path
+    """
+    return Path(path).with_name(Path(path).name + ".tmp")
+
+
+@contextmanager
+def replacing(path):
+    """Make a file under its temporary name and put it in the place of the present one once it is whole.
+
+    What has the temporary name already is removed, be it a link: where that leads to stays as it is.
+
+    Parameters
+    ----------
+    path : path-like
+
+    Yields
+    ------
+    Path
+        The temporary name, of an empty new file.
+
+    Raises
+    ------
+    OSError
+        If it cannot be made or renamed; nothing is left of it then.
+    """
+    temporary = temporary_name(path)
+    create_file(temporary)
+    try:
+        yield temporary
+        os.replace(temporary, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+        raise
+
+
+def create_file(path):
+    """Make a new empty file in the place of whatever has its name.
+
+    Parameters
+    ----------
+    path : path-like
+        A link of this name is removed, not followed.
+
+    Raises
+    ------
+    OSError
+        If it cannot be made.
+    """
+    Path(path).unlink(missing_ok=True)
+    os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
 
 
 def create_dataset(group, name, shape, dtype):

@@ -4,7 +4,6 @@ import itertools
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import h5py
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -15,13 +14,13 @@ from parmps.lattice import ROUNDING, Geometry, build_geometry, distance_to_box
 from parmps.level import arrange_level, hull_contents, starts_level
 from parmps.packing import BAND, CLEARANCE, REACH, pack, pack_around
 from parmps.particles import DUMMY, FLUID, WALL
+from parmps.states import point, read_state, three
 
 FLUID_CLEARANCE = 0.75  # least distance of the liquid from a baffle, in spacings, where walls are on the wall line
 FITS = 0.1  # a cell of which a baffle leaves less, or takes less, is none or whole
 BESIDE = 1.5  # in spacings; how far from a baffle that cuts the lattice the liquid is evened out
 SCATTER = (0.8191725, 0.6710436, 0.5497005)  # powers of the root of x^4 = x + 1: even in any stretch (Roberts 2018)
 WALL_CLEARANCE = {"half": 0.01, "line": 0.5}  # the same for the tank's wall particles beside a baffle
-COINCIDENT = 0.1  # in spacings; two particles nearer than this push each other apart violently
 UNDER_BAFFLE = 0.3  # in spacings; a hull's wall particles this deep under a baffle are left out
 CHUNK = 2**20  # lattice points handled at once
 EMPTY_SHARES = 2**62  # more shares than particles: the first one is empty
@@ -102,7 +101,7 @@ def place(job, wall, part=0, parts=1, layers=3):
     """
     geometry = build_geometry(job, wall, layers)
     walls = _place_walls(geometry)
-    read = _read_initial(job, geometry) if job.initial.kind == "file" else None
+    read = read_state(job, geometry) if job.initial.kind == "file" else None
     moved = None if read else _moved(job, geometry, walls["position"])
     whole = _place_level(job, geometry, walls["position"], moved) if starts_level(job) else read
     counts = np.bincount(whole["fluid"], minlength=len(job.fluids)) if whole else _count_fluids(job, geometry, moved)
@@ -331,7 +330,7 @@ def _fluid_at(job, geometry, position, layer):
             at = position[np.argmax(twice)]
             other = job.fluids[found[np.argmax(twice)]].name
             raise InputError(
-                f"fluids[{number}]", f"overlaps '{other}': both have a particle at {_point(geometry, at)}"
+                f"fluids[{number}]", f"overlaps '{other}': both have a particle at {point(geometry, at)}"
             )
         found[here & (found < 0) if fluid.region is None else here] = number
     return found
@@ -410,11 +409,6 @@ def _even_out_beside_baffles(job, geometry, walls):
         bounds = low[moves], high[moves]
         position[np.ix_(moves, axes)] = pack(position[moves][:, axes], fixed, l0, distance, clearance, *bounds)
     return Moved(site[beside], position[beside], fluid[beside])
-
-
-def _point(geometry, position):
-    axes = (0, 2) if geometry.dimension == 2 else (0, 1, 2)
-    return "[" + ", ".join(f"{position[axis]:g}" for axis in axes) + "] m"
 
 
 def _corners(geometry, region):
@@ -735,9 +729,9 @@ def initial_velocity(job, placement):
     elif initial.kind == "velocity":
         names = [fluid.name for fluid in job.fluids]
         chosen = liquid & (placement.fluid == names.index(initial.fluid))
-        velocity[chosen] = _three(np.array([initial.value]))
+        velocity[chosen] = three(np.array([initial.value]))
     elif initial.kind == "file":
-        velocity[liquid] = _read_initial(job, placement.geometry)["velocity"][placement.id[liquid]]
+        velocity[liquid] = read_state(job, placement.geometry)["velocity"][placement.id[liquid]]
     return velocity
 
 
@@ -780,69 +774,3 @@ def standing_wave(job):
     if omega2[at] <= 0.0:
         raise InputError("initial.kind", "a standing wave needs layers that are stable: the heavier ones below")
     return k, float(np.sqrt(omega2[at])), shape[:, at]
-
-
-def _three(vectors):
-    """Vectors (n, 2 or 3) as (n, 3): two components are x and z."""
-    vectors = np.asarray(vectors, dtype=float)
-    return np.insert(vectors, 1, 0.0, axis=1) if vectors.shape[1] == 2 else vectors
-
-
-def _read_initial(job, geometry):
-    """Read and check the liquid of a state file: position, velocity and fluid."""
-    path = job.initial.path
-    try:
-        with h5py.File(path, "r") as file:
-            state = _read_vtkhdf(file["VTKHDF"]) if "VTKHDF" in file else _read_arrays(file)
-    except (OSError, KeyError, IndexError, ValueError, RuntimeError, TypeError) as error:
-        raise InputError("initial.path", f"{path}: not a state file: {error}") from None
-    n = len(state["position"])
-    position, velocity, fluid = state["position"], state["velocity"], state["fluid"]
-    if position.shape != (n, 3) or velocity.shape != (n, 3) or fluid.shape != (n,):
-        raise InputError("initial.path", f"{path}: position, velocity and fluid differ in length")
-    if not (np.isfinite(position).all() and np.isfinite(velocity).all()):
-        raise InputError("initial.path", f"{path}: has values that are not finite")
-    if geometry.dimension == 2 and (position[:, 1].any() or velocity[:, 1].any()):
-        raise InputError("initial.path", f"{path}: has motion or positions along y, must have none in 2D")
-    if n and not 0 <= fluid.min() <= fluid.max() < len(job.fluids):
-        raise InputError("initial.path", f"{path}: numbers of fluids must be 0 to {len(job.fluids) - 1}")
-    _check_positions(path, geometry, position)
-    return {"position": position, "velocity": velocity, "fluid": fluid.astype(np.int8)}
-
-
-def _check_positions(path, geometry, position):
-    bad = distances(position, geometry.walls._replace(open_top=False))[0] < 0.0
-    if bad.any():
-        at = _point(geometry, position[np.argmax(bad)])
-        raise InputError("initial.path", f"{path}: the particle at {at} is outside the tank or in a baffle")
-    pairs = cKDTree(position).query_pairs(COINCIDENT * geometry.spacing, output_type="ndarray")
-    if len(pairs):
-        a, b = (_point(geometry, position[i]) for i in pairs[0])
-        raise InputError(
-            "initial.path",
-            f"{path}: the particles at {a} and {b} coincide: nearer than {COINCIDENT:g} spacings",
-        )
-
-
-def _read_vtkhdf(group):
-    """Fluid particles of the last frame of particles.vtkhdf."""
-    steps = group["Steps"]
-    frame = int(steps.attrs["NSteps"]) - 1
-    if frame < 0:
-        raise ValueError("it has no frame")
-    first = int(steps["PointOffsets"][frame])
-    rows = slice(first, first + int(group["NumberOfPoints"][0]))
-    data = group["PointData"]
-    liquid = data["type"][rows] == FLUID
-    return {
-        "position": group["Points"][rows][liquid],
-        "velocity": data["velocity"][rows][liquid],
-        "fluid": data["fluid"][rows][liquid],
-    }
-
-
-def _read_arrays(file):
-    """Fluid particles from arrays at the top level; without ``fluid``, all are of the first."""
-    position = _three(file["position"][()])
-    fluid = file["fluid"][()] if "fluid" in file else np.zeros(len(position), np.int8)
-    return {"position": position, "velocity": _three(file["velocity"][()]), "fluid": fluid}

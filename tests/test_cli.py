@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from parmps import checkpoint, cli
+from parmps.errors import OutputError
 from parmps.run import Schedule
 
 ROOT = Path(__file__).parents[1]
@@ -196,15 +197,26 @@ def test_a_good_run_writes_all_results(job, tmp_path, ranks):
     assert "Traceback" not in done.stderr
 
 
-@pytest.mark.parametrize(("text", "seconds"), [("90", 90.0), ("1.5", 1.5), ("2:30", 150.0), ("23:50:00", 85800.0)])
+WALL_TIMES = {
+    "90": 90.0, "1.5": 1.5, "2:30": 150.0, "23:50:00": 85800.0, "1-00:00:00": 86400.0, "2-1:30": 178200.0,
+    "7-12": 648000.0,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "seconds"), WALL_TIMES.items())
 def test_wall_times(text, seconds):
     assert cli.wall_time(text) == seconds
 
 
-@pytest.mark.parametrize("text", ["", "-1", "1h", "1:2:3:4", "1:234", "nan", "١"])
+@pytest.mark.parametrize("text", ["", "-1", "1h", "1:2:3:4", "1:234", "nan", "١", "1-", "1-2-3", "1-1.5", "-1-2:00:00"])
 def test_bad_wall_times(text):
     with pytest.raises(argparse.ArgumentTypeError, match="must be seconds, MM:SS or HH:MM:SS"):
         cli.wall_time(text)
+
+
+def test_a_checkpoint_names_its_directory():
+    for text, directory in {"out/a": "out/a", "out/a/checkpoint.h5": "out/a", "checkpoint.h5": "."}.items():
+        assert cli.run_directory(text) == directory
 
 
 def test_schema_and_help(tmp_path, here):
@@ -212,6 +224,19 @@ def test_schema_and_help(tmp_path, here):
     assert done.returncode == 0 and "spacing" in done.stdout
     done = here(tmp_path, "--help")
     assert done.returncode == 0 and "exit status" in done.stdout
+
+
+def test_what_was_asked_for_and_cannot_be_printed_is_an_error(monkeypatch):
+    with open("/dev/full", "w") as full:
+        monkeypatch.setattr(sys, "stdout", full)
+        with pytest.raises(OutputError, match="standard output: No space left on device"):
+            cli._print("text")
+    reader, writer = os.pipe()
+    os.close(reader)
+    with open(writer, "w") as left:
+        monkeypatch.setattr(sys, "stdout", left)
+        cli._print("text")  # as for `head`, which has seen enough
+        cli._print("text")
 
 
 def test_an_end_that_is_a_multiple_but_for_rounding_has_one_frame(job, tmp_path):
@@ -264,7 +289,8 @@ def test_restart_elsewhere_with_other_output(job, tmp_path):
         if not out:
             shutil.copytree(source, tmp_path / "copy")
             source = tmp_path / "copy"
-        done = parmps(tmp_path, job, "--restart", source.name, *out, *more)
+        named = source.name if out else f"{source.name}/checkpoint.h5"
+        done = parmps(tmp_path, job, "--restart", named, *out, *more)
         assert done.returncode == 0, done.stderr
         moment, _ = last_frame((tmp_path / "second" if out else source) / "particles.vtkhdf")
         assert moment == 2 * end

@@ -1,12 +1,14 @@
 """Ends that nobody wished for: kills, signals, full disks, ranks that fail alone. Nothing is lost or hangs."""
 
 import contextlib
+import errno
 import json
 import multiprocessing
 import os
 import random
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -16,11 +18,13 @@ import numpy as np
 import pytest
 from test_cli import ENVIRONMENT, JOB, last_frame, parmps, read_table
 
-from parmps import checkpoint
+from parmps import checkpoint, lock
 from parmps.domain import Domain
 from parmps.errors import ParmpsError
 from parmps.interrupt import WALL_LIMIT, Interrupt, reason
 from parmps.loader import parse_job
+from parmps.lock import LOCK_FILE, DirectoryLock
+from parmps.output import ParticleFile
 from parmps.run import Run
 
 KILLS = int(os.environ.get("PARMPS_KILLS", "8"))
@@ -37,8 +41,10 @@ def go(directory, restart=False, wall_limit=None, overrides=DENSE):
     with contextlib.suppress(ParmpsError), Interrupt(wall_limit) as interrupt:
         try:
             run = Run(job, Domain(), directory, directory if restart else None, interrupt)
-            run.go()
-            run.close()
+            try:
+                run.go()
+            finally:
+                run.close()
         except ParmpsError as error:
             print(error, file=sys.stderr)
             status = error.exit_status
@@ -113,10 +119,7 @@ def test_a_kill_at_any_moment_costs_no_more_than_the_time_since_the_checkpoint(t
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGUSR1])
 def test_a_signal_ends_a_run_with_a_checkpoint_of_its_last_step(tmp_path, number, capfd):
     child = start(tmp_path, overrides=["time.end=50"])
-    until = time.monotonic() + 20.0
-    while not (tmp_path / "probes.csv").exists() or len((tmp_path / "probes.csv").read_text().splitlines()) < 4:
-        assert time.monotonic() < until
-        time.sleep(0.01)
+    until_it_writes(tmp_path)
     os.kill(child.pid, number)
     child.join(10)
     assert child.exitcode == 5
@@ -178,6 +181,65 @@ def test_what_is_in_the_way_is_refused_and_earlier_results_stay(tmp_path, unbrok
     assert final_state(unbroken) == before
 
 
+def until_it_writes(directory):
+    until = time.monotonic() + 20.0
+    while not (directory / "probes.csv").exists() or len((directory / "probes.csv").read_text().splitlines()) < 4:
+        assert time.monotonic() < until
+        time.sleep(0.01)
+
+
+def test_a_second_run_in_a_directory_is_refused_and_the_first_goes_on(tmp_path, capfd):
+    child = start(tmp_path, overrides=["time.end=50"])
+    until_it_writes(tmp_path)
+    before = {path.name: path.stat().st_ino for path in tmp_path.iterdir() if path.name != "run.json"}
+    assert finish(tmp_path) == 4
+    assert capfd.readouterr().err.splitlines()[-1] == (
+        f"{tmp_path}: another run writes here: process {child.pid} on {socket.gethostname()}"
+    )
+    assert child.exitcode is None
+    assert {name: (tmp_path / name).stat().st_ino for name in before} == before
+    os.kill(child.pid, signal.SIGKILL)
+    child.join()
+    assert finish(tmp_path, wall_limit=0.0) == 5  # the lock ended with its owner
+    assert not (tmp_path / LOCK_FILE).exists()
+
+
+def test_a_lock_that_is_removed_while_another_waits_is_noticed(tmp_path):
+    """Who opened the file before its owner removed it locks a file that nobody else will find."""
+    owner = DirectoryLock(tmp_path)
+    take, owners = DirectoryLock._take, [owner]
+
+    def after_its_owner(waiting):
+        if owners:
+            owners.pop().close()
+        take(waiting)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(DirectoryLock, "_take", after_its_owner)
+        taken = DirectoryLock(tmp_path)
+    assert os.path.samestat(os.fstat(taken._descriptor), (tmp_path / LOCK_FILE).stat())
+    taken.close()
+
+
+def test_a_file_system_without_locks_is_told_of(tmp_path, monkeypatch):
+    def lockf(*_):
+        raise OSError(errno.ENOSYS, "Function not implemented")
+
+    monkeypatch.setattr(lock.fcntl, "lockf", lockf)
+    assert finish(tmp_path) == 0
+    assert f"The file system of {tmp_path} has no locks" in (tmp_path / "run.log").read_text()
+
+
+@pytest.mark.parametrize("where", ["2>&1 | head -1", ">&- 2>&-"])
+def test_a_run_that_nobody_listens_to_goes_on(tmp_path, where):
+    (tmp_path / "job.yaml").write_text(JOB)
+    command = f"set -o pipefail; {sys.executable} -m parmps job.yaml {where}"
+    done = subprocess.run(["bash", "-c", command], cwd=tmp_path, env=ENVIRONMENT, capture_output=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert json.loads((tmp_path / "out" / "run.json").read_text())["status"] == "done"
+    assert "Results are in" in (tmp_path / "out" / "run.log").read_text()
+
+
 def test_vtk_reads_every_step_array_and_value_of_a_run(unbroken):
     hdf = pytest.importorskip("vtkmodules.vtkIOHDF")
     from vtkmodules.util.numpy_support import vtk_to_numpy
@@ -201,19 +263,104 @@ def test_vtk_reads_every_step_array_and_value_of_a_run(unbroken):
                 np.testing.assert_array_equal(found, values[rows], err_msg=name)
 
 
-def test_a_checkpoint_of_another_job_or_a_damaged_one_is_refused_and_left(tmp_path, unbroken, capfd):
+LATER = [*DENSE, "time.end=0.12"]
+
+
+def refused(directory, capfd, overrides=LATER, status=4):
+    """A restart in place is refused with one message, which is returned, and leaves everything as it is."""
+    before = {path: path.stat().st_mtime_ns for path in directory.iterdir()}
+    capfd.readouterr()
+    assert finish(directory, restart=True, overrides=overrides) == status
+    assert {path: path.stat().st_mtime_ns for path in directory.iterdir()} == before
+    (message,) = capfd.readouterr().err.splitlines()
+    return message
+
+
+@pytest.fixture
+def copied(tmp_path, unbroken):
     shutil.copytree(unbroken, tmp_path / "run")
-    path = tmp_path / "run" / "checkpoint.h5"
-    assert finish(tmp_path / "run", restart=True, overrides=[*DENSE, "fluids[0].density=999"]) == 2
-    message = capfd.readouterr().err.splitlines()[-1]
+    return tmp_path / "run"
+
+
+def test_a_checkpoint_of_another_job_or_a_damaged_one_is_refused_and_left(copied, capfd):
+    path = copied / "checkpoint.h5"
+    message = refused(copied, capfd, [*DENSE, "fluids[0].density=999"], status=2)
     assert message.startswith("fluids[0].density: 1000.0 in the checkpoint, 999.0 in the job; only time.end and output")
-    assert final_state(tmp_path / "run") == final_state(unbroken)
+    message = refused(copied, capfd, [*DENSE, "time.end=0.05"], status=2)
+    assert message == "time.end: got 0.05 s, must be at least 0.1 s, the time of the checkpoint"
     whole = path.read_bytes()
     for damaged in (whole[: len(whole) // 2], whole[:-2000] + bytes([whole[-2000] ^ 1]) + whole[-1999:]):
         path.write_bytes(damaged)
-        assert finish(tmp_path / "run", restart=True) == 4
-        assert f"{path}: is damaged" in capfd.readouterr().err
-    assert final_state(tmp_path / "run") == final_state(unbroken)
+        assert f"{path}: is damaged" in refused(copied, capfd)
+    path.unlink()
+    os.mkfifo(path)
+    assert refused(copied, capfd) == f"{path}: is not a regular file"
+
+
+def test_results_that_are_not_what_the_checkpoint_left_are_refused(copied, capfd):
+    table, frames = copied / "probes.csv", copied / "particles.vtkhdf"
+    whole = table.read_bytes()
+    lines = whole.splitlines(keepends=True)
+    table.write_bytes(b"".join(lines[:12]) + b"\0" * 4096)
+    assert refused(copied, capfd) == (
+        f"{table}: has 11 of the 19 rows that belong to the checkpoint: those after t = 0.05 s up to t = 0.09 s are "
+        "missing, NUL bytes are in their place; with --out DIR the run continues without this file"
+    )
+    table.write_bytes(b"".join([*lines[:12], *lines[13:]]))
+    assert "has a gap from t = 0.05 to 0.06 s" in refused(copied, capfd)
+    table.write_bytes(whole.replace(b"0.05,", b"0.05,1", 1))
+    assert "was changed" in refused(copied, capfd)
+    table.write_bytes(whole)
+    with h5py.File(frames) as file:
+        number = file["VTKHDF/NumberOfPoints"][0]
+    assert ParticleFile.resume(frames, number, 0, {"frames": 6, "last": 0.05}) == 6
+    assert "has 6 of the 10 frames up to t = 0.09 s" in refused(copied, capfd)
+
+
+@pytest.mark.parametrize(("counter", "kind"), [(float("nan"), 0), (0.1, 7)])
+def test_a_checkpoint_of_absurd_contents_is_refused(copied, capfd, counter, kind):
+    """With right checksums; all that `continuation` refuses is in its own tests."""
+    path = copied / "checkpoint.h5"
+    header = checkpoint.read_header(path)
+    arrays = checkpoint.read_slabs(path, [0])
+    header.attributes["counters"]["time"] = counter
+    arrays["kind"][0] = kind
+    checkpoint.create(path, header.arrays, header.total, header.slabs, header.attributes)
+    checkpoint.write_slab(path, 0, arrays)
+    checkpoint.commit(path)
+    problem = "the kind of some of its particles cannot be" if kind else "its counter time is nan"
+    assert refused(copied, capfd) == f"{path}: is damaged: {problem}"
+
+
+def test_a_restart_may_add_probes_and_go_on_with_another_record(tmp_path, capfd):
+    """The record is the same up to the checkpoint; moved with its record, the case runs as it would have."""
+    record, other = tmp_path / "a" / "motion.csv", tmp_path / "b" / "motion.csv"
+    times = 0.01 * np.arange(13)
+    surge = 0.02 * np.sin(7.0 * times)
+    for path in (record, other):
+        path.parent.mkdir()
+        np.savetxt(path, np.stack([times, surge], 1), "%.9g", ",", header="time [s],surge [m]", comments="")
+    moving = [f"motion[0]={{kind: file, path: {record}}}"]
+    assert finish(tmp_path / "run", overrides=[*DENSE, *moving]) == 0
+    shutil.copytree(tmp_path / "run", tmp_path / "moved")
+    record.unlink()
+    moved = [f"motion[0]={{kind: file, path: {other}}}"]
+    assert finish(tmp_path / "moved", restart=True, overrides=[*LATER, *moved]) == 0
+    shutil.copy(other, record)
+    more = "probes=[{name: new, kind: elevation, at: [0.2]}, {name: P1, kind: pressure, at: [0.0, 0.05]}, "
+    more += "{name: eta, kind: elevation, at: [0.02]}, {name: load, kind: force}]"
+    surge[11:] += 0.001  # after the checkpoint
+    np.savetxt(record, np.stack([times, surge], 1), "%.9g", ",", header="time [s],surge [m]", comments="")
+    shutil.copytree(tmp_path / "run", tmp_path / "more")
+    assert finish(tmp_path / "more", restart=True, overrides=[*LATER, *moving, more]) == 0
+    (names, rows), (others, plain) = (read_table(tmp_path / name / "probes.csv") for name in ("more", "moved"))
+    assert names[:3] == ["time [s]", "new [m]", "P1 [Pa]"] and [names[0], *names[2:]] == others
+    assert np.isnan(rows[:20, 1]).all() and np.isfinite(rows[20:, 1]).all() and len(rows) == len(plain) == 25
+    np.testing.assert_array_equal(np.delete(rows, 1, axis=1)[:20], plain[:20])
+    surge[3] += 1e-6
+    np.savetxt(record, np.stack([times, surge], 1), "%.9g", ",", header="time [s],surge [m]", comments="")
+    message = refused(tmp_path / "run", capfd, [*LATER, *moving], status=2)
+    assert message.startswith(f"motion[0].path: {record}: its rows up to t = 0.1 s, the time of the checkpoint")
 
 
 def test_a_signal_to_some_rank_stops_all_and_another_number_of_ranks_completes_the_run(tmp_path):

@@ -15,8 +15,10 @@ import h5py
 import numpy as np
 import pytest
 
+from parmps import checkpoint
 from parmps.errors import OutputError
-from parmps.output import POINT_DATA, ParticleFile, ProbeTable, prepare_directory, write_json
+from parmps.output import POINT_DATA, ParticleFile, prepare_directory, write_json
+from parmps.table import ProbeTable
 
 POINTS = 5000
 
@@ -43,6 +45,13 @@ def write_frames(path, first, last, delay=0.0):
                 file.write(frame, start, rows_of(frame, start, start + POINTS // 5))
                 time.sleep(delay)
             file.commit(frame, 0.1 * frame)
+
+
+def marked(path, frames):
+    """What a checkpoint knew when there were so many frames."""
+    with contextlib.closing(ParticleFile(path)) as file:
+        file._set_count(frames)
+        return file.mark()
 
 
 def check_frames(path, live=False):
@@ -94,7 +103,7 @@ def test_frames_out_of_order_or_beyond_the_end_are_refused(particles):
             with pytest.raises(ValueError, match="is not the next"):
                 file.write(frame, 0, rows_of(frame))
         with pytest.raises(ValueError, match="rows"):
-            ParticleFile.resume(particles, POINTS, 5, 0.0)
+            ParticleFile.resume(particles, POINTS, 5, {"frames": 1, "last": 0.0})
             file.write(1, 1, rows_of(1))
 
 
@@ -158,15 +167,18 @@ def test_a_kill_at_any_moment_leaves_whole_frames_and_a_restart_completes_them(p
         os.kill(worker.pid, signal.SIGKILL)
         worker.join()
         assert check_frames(particles) >= kept
-        kept = ParticleFile.resume(particles, POINTS, 0, draw.uniform(0.0, 0.6))
-        assert check_frames(particles) == kept
+        mark = marked(particles, draw.randint(0, check_frames(particles)))
+        kept = ParticleFile.resume(particles, POINTS, 0, mark)
+        assert check_frames(particles) == kept == mark["frames"]
     write_frames(particles, kept, 6)
     assert check_frames(particles) == 6
 
 
-def test_a_restart_keeps_the_frames_up_to_its_time(particles):
-    write_frames(particles, 0, 5)
-    assert ParticleFile.resume(particles, POINTS, 2, 0.1 * 3) == 4
+def test_a_restart_keeps_the_frames_of_its_checkpoint(particles):
+    write_frames(particles, 0, 4)
+    mark = marked(particles, 4)
+    write_frames(particles, 4, 5)
+    assert ParticleFile.resume(particles, POINTS, 2, mark) == 4
     assert check_frames(particles) == 4
     write_frames(particles, 4, 6)
     assert check_frames(particles) == 6
@@ -174,7 +186,7 @@ def test_a_restart_keeps_the_frames_up_to_its_time(particles):
 
 def test_a_restart_to_a_later_end_makes_room(particles):
     write_frames(particles, 0, 6)
-    assert ParticleFile.resume(particles, POINTS, 4, 0.41) == 5
+    assert ParticleFile.resume(particles, POINTS, 4, {"frames": 5, "last": 0.1 * 4}) == 5
     write_frames(particles, 5, 9)
     assert check_frames(particles) == 9
     with h5py.File(particles) as file:
@@ -182,9 +194,47 @@ def test_a_restart_to_a_later_end_makes_room(particles):
     assert [entry.name for entry in particles.parent.iterdir()] == [particles.name]
 
 
-def test_a_restart_with_other_particles_is_refused(particles):
+def test_a_restart_with_other_particles_or_frames_is_refused(particles):
     with pytest.raises(OutputError, match="5000 particles a frame, the run has 10"):
-        ParticleFile.resume(particles, 10, 6, 0.0)
+        ParticleFile.resume(particles, 10, 6, {"frames": 0, "last": None})
+    write_frames(particles, 0, 3)
+    with pytest.raises(OutputError, match=r"has 3 of the 5 frames up to t = 0\.4 s .*, the last of them at t = 0\.2 s"):
+        ParticleFile.resume(particles, POINTS, 6, {"frames": 5, "last": 0.1 * 4})
+    with pytest.raises(OutputError, match=r"has frame 2 at t = 0\.1 s, which the checkpoint knows at t = 0\.15 s"):
+        ParticleFile.resume(particles, POINTS, 6, {"frames": 2, "last": 0.15})
+    assert check_frames(particles) == 3
+
+
+def elsewhere(file):
+    del file["VTKHDF/Points"]
+    shape = (6 * POINTS, 3)
+    file.create_dataset("VTKHDF/Points", shape, "<f8", external=[("/etc/passwd", 0, h5py.h5f.UNLIMITED)])
+
+
+def linked(file):
+    del file["VTKHDF/PointData/pressure"]
+    file["VTKHDF/PointData/pressure"] = h5py.SoftLink("/VTKHDF/Points")
+
+
+def packed(file):
+    del file["VTKHDF/PointData/pressure"]
+    file.create_dataset("VTKHDF/PointData/pressure", (6 * POINTS,), "<f8", chunks=(POINTS,), compression="gzip")
+
+
+def beyond(file):
+    file["parmps/times_at"][()] = 2**62
+
+
+def before(file):
+    file["parmps/commit_words"][:] = -8
+
+
+@pytest.mark.parametrize("change", [elsewhere, linked, packed, beyond, before])
+def test_a_file_that_would_be_written_elsewhere_is_refused(particles, change):
+    with h5py.File(particles, "r+") as file:
+        change(file)
+    with pytest.raises(OutputError, match="particles.vtkhdf: "):
+        ParticleFile(particles)
 
 
 @pytest.mark.parametrize("content", [b"", b"not HDF5", None])
@@ -216,18 +266,6 @@ def test_a_failed_creation_leaves_the_earlier_file(particles, monkeypatch):
     assert [entry.name for entry in particles.parent.iterdir()] == [particles.name]
 
 
-@pytest.fixture
-def small_disk(tmp_path):
-    """A file system of 1 MiB."""
-    disk = tmp_path / "disk"
-    disk.mkdir()
-    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=1M", "tmpfs", disk], capture_output=True)
-    if mounted.returncode:
-        pytest.skip("needs the right to mount a file system")
-    yield disk
-    subprocess.run(["umount", disk], check=True)
-
-
 def test_a_full_disk_loses_no_committed_frame(small_disk):
     path = small_disk / "particles.vtkhdf"
     ParticleFile.create(path, POINTS, 6, {})
@@ -235,7 +273,7 @@ def test_a_full_disk_loses_no_committed_frame(small_disk):
         write_frames(path, 0, 6)
     assert check_frames(path) in (1, 2)
     with pytest.raises(OutputError, match="probes.csv"):
-        ProbeTable.create(small_disk / "probes.csv", ["a" * 5000])
+        ProbeTable(small_disk / "probes.csv", ["a" * 5000])
     with pytest.raises(OutputError, match=r"other\.vtkhdf"):
         ParticleFile.create(small_disk / "other.vtkhdf", POINTS, 6, {})
     assert [entry.name for entry in small_disk.iterdir()] == [path.name]
@@ -256,59 +294,6 @@ def test_a_write_beyond_the_file_size_limit_is_an_output_error(particles):
 
 
 COLUMNS = ["P1 [Pa]", "eta, left [m]"]
-
-
-def read_table(path):
-    return np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
-
-
-def test_a_table_can_be_read_while_it_grows(tmp_path):
-    path = tmp_path / "probes.csv"
-    table = ProbeTable.create(path, COLUMNS)
-    for step in range(3):
-        table.write(0.1 * step, [np.float64(1 / 3), 1e-12])
-        assert read_table(path).shape == (step + 1, 3)
-    table.close()
-    assert path.read_text().splitlines()[0] == 'time [s],P1 [Pa],"eta, left [m]"'
-    assert np.array_equal(read_table(path)[:, 0], 0.1 * np.arange(3))
-    np.testing.assert_allclose(read_table(path)[:, 1], 1 / 3, rtol=1e-9)
-
-
-def test_a_restarted_table_is_that_of_an_unbroken_run(tmp_path):
-    path, unbroken = tmp_path / "probes.csv", tmp_path / "unbroken.csv"
-    times = [float(value) for value in np.cumsum(np.full(20, 0.1))]
-    for name, stop in ((path, 15), (unbroken, 20)):
-        with contextlib.closing(ProbeTable.create(name, COLUMNS)) as table:
-            for value in times[:stop]:
-                table.write(value, [value, -value])
-    with path.open("a") as file:
-        file.write("1.6,7")  # torn by a power failure
-    with contextlib.closing(ProbeTable.resume(path, COLUMNS, times[9])) as table:
-        for value in times[10:]:
-            table.write(value, [value, -value])
-    assert path.read_bytes() == unbroken.read_bytes()
-
-
-def test_a_table_of_other_signals_or_no_table_is_not_continued(tmp_path):
-    path = tmp_path / "probes.csv"
-    with pytest.raises(OutputError, match="No such file"):
-        ProbeTable.resume(path, COLUMNS, 0.0)
-    ProbeTable.create(path, COLUMNS).close()
-    with pytest.raises(OutputError, match="has the columns"):
-        ProbeTable.resume(path, COLUMNS[:1], 0.0)
-    path.write_text(path.read_text() + "nonsense,1,2\n")
-    with pytest.raises(OutputError, match="nonsense"):
-        ProbeTable.resume(path, COLUMNS, 0.0)
-
-
-def test_a_line_that_does_not_fit_leaves_the_lines_before(small_disk):
-    path = small_disk / "probes.csv"
-    with contextlib.closing(ProbeTable.create(path, COLUMNS)) as table:
-        with pytest.raises(OutputError, match="No space left"):
-            for step in range(100_000):
-                table.write(step, [1 / 3, 2 / 3])
-        assert path.read_bytes().endswith(b"\n")
-        assert len(read_table(path)) == step
 
 
 def test_json_is_replaced_whole(tmp_path):
@@ -343,6 +328,38 @@ def test_what_is_in_the_way_is_named_and_kept(tmp_path):
     with pytest.raises(OutputError, match="run.log: a directory is in the way"):
         prepare_directory(tmp_path / "results", restart=False)
     assert (tmp_path / "results" / "probes.csv").read_text() == "kept"
+
+
+def test_links_are_not_followed(tmp_path):
+    """Names that a run makes anew, some of them for a moment: what a link of that name leads to stays as it is."""
+    victim = tmp_path / "victim"
+    victim.write_text("mine")
+    names = ("probes.csv", "particles.vtkhdf", "checkpoint.h5", "run.json")
+    for name in names:
+        (tmp_path / f"{name}.tmp").symlink_to(victim)
+    (tmp_path / "run.log").symlink_to(tmp_path / "not there")
+    prepare_directory(tmp_path, restart=False)
+    assert (tmp_path / "previous" / "run.log").is_symlink()
+    ProbeTable(tmp_path / "probes.csv", COLUMNS).close()
+    ParticleFile.create(tmp_path / "particles.vtkhdf", POINTS, 6, {})
+    write_json(tmp_path / "run.json", {})
+    checkpoint.create(tmp_path / "checkpoint.h5", {"id": ("<i8", ())}, 1, [(0, 1)], {})
+    checkpoint.commit(tmp_path / "checkpoint.h5")
+    assert victim.read_text() == "mine"
+    assert all((tmp_path / name).is_file() and not (tmp_path / name).is_symlink() for name in names)
+    (tmp_path / "previous" / "run.log").unlink()
+    (tmp_path / "previous").rmdir()
+    (tmp_path / "previous").symlink_to(tmp_path)
+    with pytest.raises(OutputError, match="previous: is in the way"):
+        prepare_directory(tmp_path, restart=False)
+
+
+@pytest.mark.parametrize("name", ["probes.csv", "particles.vtkhdf", "run.log"])
+def test_a_pipe_is_not_waited_for(tmp_path, name):
+    os.mkfifo(tmp_path / name)
+    for restart in (False, True):
+        with pytest.raises(OutputError, match="not a regular file"):
+            prepare_directory(tmp_path, restart)
 
 
 def test_a_directory_that_cannot_be_written_is_refused():

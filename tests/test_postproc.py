@@ -14,8 +14,9 @@ from parmps import cli
 from parmps.figures.curves import draw_histories, draw_phases, draw_spectra
 from parmps.figures.snapshots import View, draw_snapshots, make_view
 from parmps.loader import parse_job
-from parmps.output import ParticleFile, ProbeTable
+from parmps.output import ParticleFile
 from parmps.signals import read_signals
+from parmps.table import ProbeTable
 
 COMMANDS = Path(__file__).parent.parent / "postproc"
 SPACING = 0.01
@@ -42,7 +43,7 @@ def plot(*arguments):
 def write_probes(directory, seconds=10.0, factor=1.0):
     signals = ["P1 [Pa]", "P2 [Pa]", "eta_left [m]", "eta_right [m]"]
     loads = ["load.Fx [N/m]", "load.Fz [N/m]", "load.My [N m/m]"]
-    table = ProbeTable.create(directory / "probes.csv", signals + loads)
+    table = ProbeTable(directory / "probes.csv", signals + loads)
     with contextlib.closing(table):
         for time in np.arange(0.0, seconds, 0.005):
             wave = factor * np.sin(6.469 * time) * min(time, 5.0) / 5.0

@@ -1,5 +1,9 @@
 """What a person reads: log, progress and timer table."""
 
+import errno
+import os
+import sys
+
 import pytest
 from numba.core import event
 
@@ -70,6 +74,42 @@ def test_a_log_that_cannot_be_written_is_an_output_error(tmp_path):
     log = RunLog("/dev/full", terminal=False)
     with pytest.raises(OutputError, match="/dev/full: No space left on device"):
         log.line("text")
+
+
+@pytest.mark.parametrize("target", ["/dev/full", "pipe"])
+def test_a_standard_output_that_takes_no_more_leaves_the_log(tmp_path, monkeypatch, target):
+    if target == "pipe":
+        reader, writer = os.pipe()
+        os.close(reader)
+    else:
+        writer = os.open(target, os.O_WRONLY)
+    with open(writer, "w") as stream:
+        monkeypatch.setattr(sys, "stdout", stream)
+        log = RunLog(tmp_path / "run.log", terminal=False)
+        log.line("first")
+        log.line("second")
+        log.close()
+    lines = (tmp_path / "run.log").read_text().splitlines()
+    assert [lines[0], lines[2]] == ["first", "second"] and len(lines) == 3
+    assert lines[1].startswith("The standard output takes no more (")
+
+
+def test_a_terminal_that_is_closed_leaves_the_log(tmp_path, clock, monkeypatch, capsys):
+    log = RunLog(tmp_path / "run.log", terminal=True)
+    log.start(0.0, 10.0)
+
+    def gone(*_):
+        raise OSError(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr(log._bar, "update", gone)
+    for step in range(1, 40):
+        clock.now += 0.5
+        log.progress(0.05 * step, step, 0.05, 7)
+    log.line("the end")
+    log.close()
+    lines = (tmp_path / "run.log").read_text().splitlines()
+    assert sum("takes no more (Input/output error)" in line for line in lines) == 1
+    assert sum(line.startswith("t = ") for line in lines) == 3 and lines[-1] == "the end"
 
 
 @pytest.mark.parametrize(

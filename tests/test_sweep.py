@@ -1,6 +1,8 @@
 """Sweeps: what their files may say, how cases run, fail, stop and go on, and what the table says of them."""
 
+import contextlib
 import csv
+import multiprocessing
 import signal
 import subprocess
 import sys
@@ -13,9 +15,10 @@ import pytest
 from test_cli import ENVIRONMENT, JOB
 
 from parmps import campaign, cli
-from parmps.errors import InputError
+from parmps.errors import InputError, OutputError
 from parmps.figures.charts import draw_measure, draw_sweep
 from parmps.figures.page import sweep_sections, write_html
+from parmps.lock import DirectoryLock
 from parmps.schema import json_schema, schema_table, unit_of_key
 from parmps.signals import measure, read_signals
 from parmps.sweep import Sweep, load_sweep
@@ -198,6 +201,33 @@ def test_a_stopped_sweep_continues_from_its_checkpoints(write, tmp_path):
     assert not (log.parent / "previous").exists()
     seconds = read_signals(log)[0]
     np.testing.assert_allclose(seconds, 0.005 * np.arange(101), atol=1e-12)
+
+
+def hold(place, held, done):
+    with contextlib.closing(DirectoryLock(place)):
+        held.set()
+        done.wait(20)
+
+
+def test_results_of_a_case_that_runs_are_not_moved(write, tmp_path):
+    sweep, cases = load_sweep(write(TWO))
+    campaign.prepare(sweep, cases)
+    place = campaign.directory(sweep, cases[0])
+    (place / "probes.csv").write_text("mine")
+    changed, others = load_sweep(write(TWO.replace("time.end: 0.02", "time.end: 0.03")))
+    context = multiprocessing.get_context("fork")
+    held, done = context.Event(), context.Event()
+    child = context.Process(target=hold, args=(place, held, done))
+    child.start()
+    assert held.wait(20)
+    campaign.prepare(sweep, cases)  # nothing to move
+    with pytest.raises(OutputError, match=f"another run writes here: process {child.pid}"):
+        campaign.prepare(changed, others)
+    assert (place / "probes.csv").read_text() == "mine"
+    done.set()
+    child.join()
+    campaign.prepare(changed, others)
+    assert (place / "previous" / "probes.csv").exists()
 
 
 def test_scripts(write, tmp_path, capfd):

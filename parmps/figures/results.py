@@ -3,10 +3,10 @@
 from pathlib import Path
 from typing import NamedTuple
 
-import h5py
 import numpy as np
 
 from parmps.errors import InputError
+from parmps.hdf5 import opened
 from parmps.loader import parse_job
 
 
@@ -110,7 +110,7 @@ def _open(directory, read):
     if not path.exists():
         raise InputError("", f"{path}: no such file")
     try:
-        with h5py.File(path, "r") as file:
+        with opened(path) as file:
             return read(file)
-    except (OSError, KeyError) as error:
+    except (OSError, KeyError, ValueError) as error:
         raise InputError("", f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None

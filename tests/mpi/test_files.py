@@ -1,12 +1,20 @@
 """The slab files written by the ranks of a real run."""
 
 import contextlib
+import os
+import subprocess
+import sys
 
 import h5py
 import numpy as np
+import pytest
 
 from parmps import checkpoint
+from parmps.domain import Domain
+from parmps.errors import OutputError
+from parmps.loader import parse_job
 from parmps.output import ParticleFile
+from parmps.run import Run
 
 POINTS = 1000
 
@@ -68,3 +76,67 @@ def test_checkpoint_gives_every_rank_its_own_slab_back(comm, shared_path):
     header = checkpoint.read_header(path)
     mine = checkpoint.share_slabs(len(header.slabs), comm.size, comm.rank)
     assert np.array_equal(checkpoint.read_slabs(path, mine)["position"], state["position"])
+
+
+JOB = """
+dimension: 2
+spacing: 0.02
+tank: {size: [0.4, 0.3]}
+fluids: [{name: water, depth: 0.14}]
+time: {end: 0.02}
+output: {particles_every: 0.01, probes_every: 0.01, checkpoint_every: 0.01}
+"""
+HOLD = """
+import sys
+from parmps.lock import DirectoryLock
+lock = DirectoryLock(sys.argv[1])
+print("held", flush=True)
+sys.stdin.read()
+"""
+
+
+def go(domain, directory, restart=None):
+    with contextlib.closing(Run(parse_job(JOB), domain, directory, restart)) as run:
+        run.go()
+
+
+def test_all_ranks_are_told_that_another_run_has_the_directory(comm, shared_path):
+    holder = None
+    if comm.rank == 0:
+        command = [sys.executable, "-c", HOLD, str(shared_path / "out")]
+        holder = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        assert holder.stdout.readline() == "held\n"
+    comm.Barrier()
+    with pytest.raises(OutputError, match="out: another run writes here: process "):
+        Run(parse_job(JOB), Domain(comm), shared_path / "out")
+    if comm.rank == 0:
+        holder.communicate()
+        assert [path.name for path in (shared_path / "out").iterdir()] == ["run.lock"]
+    comm.Barrier()
+    go(Domain(comm), shared_path / "out")
+    comm.Barrier()
+    assert not (shared_path / "out" / "run.lock").exists()
+
+
+def test_all_ranks_refuse_a_checkpoint_that_one_cannot_use(comm, shared_path):
+    domain, path = Domain(comm), shared_path / "checkpoint.h5"
+    go(domain, shared_path)
+    header = checkpoint.read_header(path)
+    arrays = checkpoint.read_slabs(path, [comm.size - 1])
+    arrays["kind"][0] = 7
+    comm.Barrier()
+    if comm.rank == 0:
+        copies = [checkpoint.read_slabs(path, [index]) for index in range(comm.size - 1)]
+        checkpoint.create(path, header.arrays, header.total, header.slabs, header.attributes)
+        for index, slab in enumerate([*copies, arrays]):
+            checkpoint.write_slab(path, index, slab)
+        checkpoint.commit(path)
+    comm.Barrier()
+    with pytest.raises(OutputError, match="is damaged: the kind of some of its particles cannot be"):
+        go(domain, shared_path, shared_path)
+    if comm.rank == 0:
+        path.unlink()
+        os.mkfifo(path)
+    comm.Barrier()
+    with pytest.raises(OutputError, match="is not a regular file"):
+        go(domain, shared_path, shared_path)
