@@ -1,4 +1,4 @@
-"""Checks that involve several keys of a job, and warnings about input that is legal but looks wrong."""
+"""Checks that involve several keys of a job."""
 
 import math
 import os
@@ -180,7 +180,7 @@ def _check_fluids(job):
     shares = sum(fluid.fill or 0.0 for fluid in job.fluids)
     if shares > 1.0 + TOLERANCE:
         raise InputError("fluids", f"overfull: fill sums to {shares:g}, must be at most 1")
-    total = _total_depth(job)
+    total = total_depth(job)
     if total > job.tank.height * (1 + TOLERANCE):
         raise InputError(
             "fluids",
@@ -422,13 +422,8 @@ def layer_depths(job):
     return tuple(depths)
 
 
-def _total_depth(job):
-    """Sum of the layers' depths, m."""
-    return sum(depth or 0.0 for depth in job.depths)
-
-
-def job_warnings(job):
-    """List what is legal in a job but looks wrong.
+def total_depth(job):
+    """Find how deep the layers of liquid are together.
 
     Parameters
     ----------
@@ -436,74 +431,7 @@ def job_warnings(job):
 
     Returns
     -------
-    list of str
-        One sentence each, with the key and the numbers that look wrong.
+    float
+        m; regions do not count.
     """
-    return [*_resolution_warnings(job), *_frequency_warnings(job), *_value_warnings(job)]
-
-
-def _resolution_warnings(job):
-    spacing = job.spacing
-    for axis, side in enumerate(job.tank.size):
-        if spacing > side:
-            yield f"spacing: {spacing:g} m is larger than the tank's side of {side:g} m (tank.size[{axis}])"
-    for number, thickness in enumerate(job.depths):
-        depth = thickness or np.inf
-        rows = depth / spacing
-        if rows < 5:
-            yield (
-                f"fluids[{number}].depth: {depth:g} m at a spacing of {spacing:g} m is {rows:.1f} rows "
-                "of particles; at least 5 are needed to resolve a flow"
-            )
-    for number, baffle in enumerate(job.tank.baffles):
-        if baffle.thickness < spacing * (1 - TOLERANCE):
-            key = f"tank.baffles[{number}].thickness"
-            yield (
-                f"{key}: {baffle.thickness:g} m is less than the spacing of {spacing:g} m; the baffle is "
-                "modelled as 1.1 spacings thick"
-            )
-    sides = job.tank.size[:-1]
-    particles = math.prod(side / spacing for side in sides) * _total_depth(job) / spacing
-    if particles > 1e9:
-        yield f"spacing: {spacing:g} m means about {particles:.2g} particles"
-
-
-def _frequency_warnings(job):
-    depth = _total_depth(job)
-    if depth == 0.0 or job.gravity == 0.0:
-        return
-    for number, item in enumerate(job.motion):
-        if item.kind == "file":
-            continue
-        sideways = job.dimension == 3 and item.kind in ("sway", "roll")
-        side = job.tank.size[1 if sideways else 0]
-        wavenumber = math.pi / side
-        omega1 = math.sqrt(job.gravity * wavenumber * math.tanh(wavenumber * depth))
-        frequency1 = omega1 / (2 * math.pi)
-        if abs(item.omega - frequency1) <= 0.1 * frequency1:
-            yield (
-                f"motion[{number}].omega: {item.omega:g} rad/s is close to the first sloshing mode's "
-                f"{frequency1:.3g} Hz and far from its {omega1:.3g} rad/s; if {item.omega:g} is in Hz, "
-                f"write omega: {2 * math.pi * item.omega:.5g}"
-            )
-
-
-def _value_warnings(job):
-    for number, item in enumerate(job.motion):
-        if item.kind in ("surge", "sway", "heave") and abs(item.amplitude) > max(job.tank.size):
-            yield (
-                f"motion[{number}].amplitude: {item.amplitude:g} m is more than the tank's longest side, "
-                f"{max(job.tank.size):g} m"
-            )
-    for number, fluid in enumerate(job.fluids):
-        if fluid.density < 50:
-            yield f"fluids[{number}].density: {fluid.density:g} kg/m3 is no liquid's; is it in g/cm3?"
-        if fluid.kinematic_viscosity > 0.1:
-            yield (
-                f"fluids[{number}].kinematic_viscosity: {fluid.kinematic_viscosity:g} m2/s is more than "
-                "100 000 times that of water; is it in mm2/s?"
-            )
-    for name in ("particles_every", "probes_every"):
-        every = getattr(job.output, name)
-        if every > job.time.end:
-            yield f"output.{name}: {every:g} s is longer than the run of {job.time.end:g} s (time.end)"
+    return sum(depth or 0.0 for depth in job.depths)

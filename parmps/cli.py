@@ -10,7 +10,6 @@ from functools import partial
 from importlib.util import find_spec
 
 from parmps import __version__
-from parmps.checks import job_warnings
 from parmps.errors import InputError, ParmpsError
 from parmps.interrupt import Interrupt
 from parmps.loader import load_job
@@ -293,6 +292,8 @@ def _sweep(arguments):
 
 def _prepare(domain):
     """Read the command line and the job on rank 0, and tell all ranks what came of it."""
+    from parmps.cautions import cautions
+
     result = None
     if domain.rank == 0:
         try:
@@ -301,7 +302,7 @@ def _prepare(domain):
             if command != "schema":
                 job = load_job(arguments.job, arguments.set)
                 _check_restart(getattr(arguments, "restart", None))
-                for warning in job_warnings(job):
+                for warning in cautions(job):
                     print(f"parmps: warning: {warning}", file=sys.stderr, flush=True)
             result = command, arguments, job, None
         except ParmpsError as problem:

@@ -60,7 +60,7 @@ class RunLog:
         text : str
             What to say.
         """
-        self._log(text)
+        self.note(text)
         if self._bar is not None:
             self._bar.write(text, file=sys.stdout)
         else:
@@ -109,7 +109,7 @@ class RunLog:
                 f"{iterations} iterations   {left} left"
             )
             if self._bar is not None:
-                self._log(text)
+                self.note(text)
             else:
                 self.line(text)
 
@@ -126,8 +126,13 @@ class RunLog:
         with output_errors(self.path):
             self._file.close()
 
-    def _log(self, text):
-        """Write to the file alone."""
+    def note(self, text):
+        """Write a line to the file alone.
+
+        Parameters
+        ----------
+        text : str
+        """
         with output_errors(self.path):
             self._file.write(text + "\n")
 

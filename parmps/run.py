@@ -17,6 +17,7 @@ from numba.core.event import install_listener
 
 import parmps
 from parmps import checkpoint
+from parmps.cautions import cautions
 from parmps.errors import DivergedError, OutputError, StoppedError
 from parmps.interrupt import Interrupt, reason
 from parmps.loader import job_text
@@ -94,6 +95,7 @@ class Run:
         self.job, self.domain, self.interrupt = job, domain, interrupt or Interrupt()
         self.directory = Path(directory)
         self.main = domain.rank == 0
+        self.warnings = cautions(job) if self.main else []
         self.simulation = Simulation(job, domain)
         self.probes = build_probes(job, self.simulation.geometry)
         self.loads = any(probe.kind == "force" for probe in job.probes)
@@ -316,6 +318,8 @@ class Run:
             f"{s.totals['fluid']} fluid and {s.totals['total'] - s.totals['fluid']} boundary particles, "
             f"spacing {s.l0:g} m, {self.domain.size} rank(s), scheme {self.job.scheme.preset}"
         )
+        for warning in self.warnings:  # which the command line has shown before it placed the particles
+            self.log.note(f"warning: {warning}")
 
     def _finish(self, status, start):
         self.wall, self.cpu = clock.perf_counter() - start[0], clock.process_time() - start[1]
@@ -397,6 +401,7 @@ class Run:
             },
             "time_step": {"min": s.step_min if s.step_number else None, "max": s.step_max},
             "energy_drift": s.energy_drift(),
+            "warnings": self.warnings,
             "peak_memory_bytes": domain.gather(memory),
             "versions": {
                 "parmps": parmps.__version__,

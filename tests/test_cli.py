@@ -154,7 +154,7 @@ def last_frame(path):
 
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_a_good_run_writes_all_results(job, tmp_path, ranks):
-    done = parmps(tmp_path, job, ranks=ranks)
+    done = parmps(tmp_path, job, "--set", "output.particles_every=0.2", ranks=ranks)
     assert done.returncode == 0, done.stderr
     out = tmp_path / "out"
     assert {path.name for path in out.iterdir()} == {
@@ -169,6 +169,7 @@ def test_a_good_run_writes_all_results(job, tmp_path, ranks):
     expected = {
         "status", "ranks", "steps", "simulated_seconds", "wall_seconds", "particles", "particles_lost",
         "stage_seconds", "ksp", "time_step", "volume_drift", "energy_drift", "peak_memory_bytes", "versions",
+        "warnings",
     }  # fmt: skip
     assert expected <= set(record)
     assert record["status"] == "done" and record["ranks"] == ranks and record["particles_lost"] == 0
@@ -177,6 +178,10 @@ def test_a_good_run_writes_all_results(job, tmp_path, ranks):
     assert set(record["ksp"]) == {"iterations_mean", "iterations_max", "rebuilds"}
     assert all(set(stage) == {"max", "mean"} for stage in record["stage_seconds"].values())
     assert record["simulated_seconds"] == 0.1
+    (warning,) = record["warnings"]
+    assert warning.startswith("output.particles_every: 0.2 s is longer")
+    assert f"parmps: warning: {warning}\n" in done.stderr
+    assert f"warning: {warning}\n" in (out / "run.log").read_text()
     assert 0 < record["time_step"]["min"] <= record["time_step"]["max"] <= 5e-3 * (1 + 1e-9)
     assert len(record["peak_memory_bytes"]) == ranks
     assert sum(stage["mean"] for stage in record["stage_seconds"].values()) < record["wall_seconds"]

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from parmps.checks import job_warnings
+from parmps.cautions import cautions
 from parmps.errors import InputError
 from parmps.loader import MAX_NODES, load_job, parse_job, read_yaml
 from parmps.motion import read_motion_file
@@ -255,7 +255,7 @@ def job_or_refusal(build):
         try:
             job = build()
             assert isinstance(job, Job)
-            assert all(isinstance(warning, str) for warning in job_warnings(job))
+            assert all(isinstance(warning, str) for warning in cautions(job))
             assert "Stages of a step" in plan_text(job, SimpleNamespace(size=3))
         except InputError as error:
             assert str(error).isprintable()

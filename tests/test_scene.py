@@ -7,7 +7,7 @@ import pytest
 import yaml
 from pydantic import ValidationError
 
-from parmps.checks import job_warnings
+from parmps.cautions import cautions
 from parmps.errors import InputError
 from parmps.fields import Section, models_in
 from parmps.loader import job_text, parse_job
@@ -324,14 +324,14 @@ def test_motion_file_must_cover_the_run_and_stay_in_plane(tmp_path):
     ],
 )
 def test_warnings(path, value, expected):
-    warnings = " ".join(job_warnings(build(base=changed(path, value, BASE_2D))))
+    warnings = " ".join(cautions(build(base=changed(path, value, BASE_2D))))
     for part in expected:
         assert part in warnings
 
 
 def test_sensible_jobs_give_no_warning():
     for base in (BASE_2D, BASE_2D | FULL_2D, BASE_3D):
-        assert job_warnings(build(base=base)) == []
+        assert cautions(build(base=base)) == []
 
 
 def test_presets():
