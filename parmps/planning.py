@@ -9,7 +9,7 @@ from parmps.expectation import changed_settings, error_class, expected_cost, exp
 from parmps.hull import build_hull
 from parmps.kernels.weight import lattice
 from parmps.liquids import Liquids
-from parmps.motion import Motion
+from parmps.motion import STANDARD_GRAVITY, Motion
 from parmps.particles import PARTICLE_BYTES
 from parmps.simulation import (
     CAPILLARY_STEP,
@@ -60,6 +60,8 @@ def plan_text(job, domain):
     lines = [f"{job.title or 'untitled job'}: {job.dimension}D, {domain.size} rank(s), scheme {job.scheme.preset}"]
     lines += ["", "Particles" if exact else "Particles (an estimate)", *_particle_lines(counts, spacing, exact)]
     lines += ["", "Memory (an estimate)", *_memory_lines(job, counts, domain.size)]
+    if job.motion:
+        lines += ["", "Motion, at most", *_motion_lines(job)]
     steps = step_estimate(job, spacing)
     lines += ["", "Time steps (an estimate)", *_step_lines(job, steps)]
     lines += ["", "Accuracy and cost (by the trade study)", *_trade_lines(job, counts, spacing, steps)]
@@ -206,6 +208,31 @@ def _memory_lines(job, counts, ranks):
 
 def _bytes(size):
     return f"{size / 1e6:>12.1f} MB"
+
+
+# Motion
+
+
+def _motion_lines(job):
+    rows = []
+    for part in Motion(job.motion, job.gravity, job.dimension, job.tank).parts:
+        value, rate, acceleration, felt = part.extremes(job.time.end)
+        unit, scale = ("m", 1.0) if part.centre is None else ("deg", 180.0 / math.pi)
+        gravities = f"{felt / STANDARD_GRAVITY:.3g} g"
+        if part.centre is not None:
+            gravities = f"{scale * acceleration:.4g} deg/s2, {gravities} at the farthest corner"
+        item = job.motion[part.number]
+        rounding = part.law.curve.resolution if item.kind == "file" else 0.0
+        rows.append(
+            (
+                f"motion[{part.number}] {part.kind}",
+                f"{scale * value:.4g} {unit}",
+                f"{scale * rate:.4g} {unit}/s",
+                gravities,
+                f"recorded in steps of {rounding:.3g} {unit}, which are smoothed" if rounding else "",
+            )
+        )
+    return _table(rows)
 
 
 # Time steps
