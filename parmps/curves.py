@@ -30,6 +30,8 @@ the resolution does at each sample. Of 0.01 to 100 this gives the least error of
 acceleration: 0.2 to 1.2 % in sines of 4.5 rad/s with a few tens of steps of their rounding, at 20 to 1000 Hz."""
 GAP_STEPS = 4.0
 """Median intervals of samples from which a longer one is a gap."""
+ASTRAY = 0.1
+"""Share of the range of samples by which a curve may leave it."""
 GAP_ROWS = 100_000
 """Samples that all gaps get, at most."""
 PARTS = 4
@@ -143,24 +145,38 @@ def _rounded(time, values, quanta, rests):
     level = values.mean()
     values, half = values - level, 0.5 * quanta
     cuts, curve = _coarse(time, values, half)
-    gaps = np.diff(time) > max(np.median(np.diff(time[cuts])), GAP_STEPS * np.median(np.diff(time)))
-    if gaps.any():
-        time, values, half = _filled(time, values, half, gaps)
-        cuts, curve = _coarse(time, values, half)
     if np.abs(curve(time) - values).max() < EVEN * half.max():
         return None  # the steps are those of the motion
-    # Half of the samples must tell the other half, or it is no rounding that makes them uneven.
-    while 2 * (len(cuts) + DEGREE - 1) <= len(time):
+    # no gap is as long as the motion takes to turn, unless the curve goes astray in one
+    steps, least = np.diff(time), GAP_STEPS * np.median(np.diff(time))
+    spare = ASTRAY * np.ptp(values) + half.max()
+    for longest in (max(np.median(np.diff(time[cuts])), least), least):
+        filled = time, values, half
+        if np.any(steps > longest):
+            filled = _filled(*filled, steps > longest)
+            cuts, curve = _coarse(*filled)
+        nodes = _within(*filled, cuts, curve)
+        if nodes is None:
+            break
+        between = _polynomials(nodes)(nodes.time[:-1, None] + np.diff(nodes.time)[:, None] * np.arange(4) / 4)
+        if between.min() > values.min() - spare and between.max() < values.max() + spare:
+            return nodes._replace(value=nodes.value + level)
+    return None
+
+
+def _within(time, values, half, cuts, curve):
+    """Nodes of the smooth curve within a band around samples; None where they do not determine one."""
+    while _told(cuts, time):
         cuts = _halved(cuts, np.ones(len(cuts) - 1, bool))
         curve, within = smoothest(time, values, half, cuts, curve)
         if within:
             knots = time[cuts]
-            return Nodes(knots, curve(knots) + level, curve(knots, 1), curve(knots, 2))
+            return Nodes(knots, *(curve(knots, order) for order in range(3)))
     return None
 
 
 def _filled(time, values, half, gaps):
-    """Put samples of a monotone curve where there are none for longer than the motion takes to turn."""
+    """Put samples of a monotone curve into gaps between samples."""
     step = max(np.median(np.diff(time)), np.diff(time)[gaps].sum() / GAP_ROWS)
     more = np.concatenate([np.arange(time[k] + step, time[k + 1], step) for k in np.flatnonzero(gaps)])
     between = _polynomials(Nodes(time, values, _lesser_slopes(time, values), np.zeros(len(time))))(more)
@@ -179,10 +195,15 @@ def _knots(ends):
     return np.concatenate([[ends[0]] * DEGREE, ends, [ends[-1]] * DEGREE])
 
 
+def _told(cuts, time):
+    """Whether half of the samples tell the other half: if not, it is not rounding that makes them uneven."""
+    return 2 * (len(cuts) + DEGREE - 1) <= len(time)
+
+
 def _coarse(time, values, half):
     """A least-squares spline near enough to the samples, or with too many knots; indices of its knots, and itself."""
     cuts = np.array([0, len(time) - 1])
-    while 2 * (len(cuts) + DEGREE - 1) <= len(time):
+    while True:
         share = np.arange(SAMPLES_A_KNOT) / SAMPLES_A_KNOT
         rows = np.unique((cuts[:-1, None] + np.diff(cuts)[:, None] * share).astype(int))
         rows = np.append(rows, len(time) - 1)
@@ -195,15 +216,16 @@ def _coarse(time, values, half):
         curve = BSpline(knots, _solver(normal + rough)(basis.T @ (weight * values[rows])), DEGREE)
         worst = np.maximum.reduceat(np.abs(curve(time) - values) / half, cuts[:-1])
         split = (worst > LOOSE) & (np.diff(cuts) > 1)
-        if not split.any():
-            break
+        if not split.any() or not _told(cuts, time):
+            return cuts, curve
         cuts = _halved(cuts, split)
-    return cuts, curve
 
 
 def _solver(matrix):
-    """Solver of a symmetric banded system."""
-    return splu(matrix.tocsc(), permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True}).solve
+    """Solver of a symmetric banded system, where what nothing determines is zero."""
+    least = 1e-13 * matrix.diagonal().mean()
+    matrix = (matrix + diags(np.full(matrix.shape[0], least))).tocsc()
+    return splu(matrix, permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True}).solve
 
 
 def _roughness(knots):
