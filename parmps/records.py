@@ -103,7 +103,12 @@ def _read(path, key, _state):
     text = _text(path, key)
     outer = _TABULATED.match(_bare(text[:HEAD])) is not None
     names, lines, cells = _tabulated(_bare(text), path, key) if outer else _separated(text, path, key)
-    table = _numbers(cells, names, lines, path, key)
+    # float() also takes digit groups such as 1_000, which no logger means
+    table = None if "_" in text else _plain_numbers(cells)
+    if table is None:
+        table = _numbers(cells, names, lines, path, key)
+    if len(table) < MIN_ROWS:
+        raise InputError(key, f"{path}: got {len(table)} rows of values, must be at least {MIN_ROWS}")
     time = table[:, names.index(TIME_COLUMN)]
     early = np.flatnonzero(np.diff(time) < MIN_INTERVAL)
     if len(early):
@@ -146,8 +151,10 @@ def _bare(text):
 
 def _separated(text, path, key):
     """Names of the columns, and the number and cells of each line of a table with a header."""
+    for mark in ('"', "'"):
+        text = text.replace(mark, "")
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-    rows = [(n, line) for n, line in enumerate(lines, 1) if line.strip() and not line.lstrip().startswith(("#", '"#'))]
+    rows = [(n, line) for n, line in enumerate(lines, 1) if line.strip() and not line.lstrip().startswith("#")]
     if not rows:
         raise InputError(key, f"{path}, line 1: the header row must name '{TIME_COLUMN}' and at least one motion")
     number, header = rows[0]
@@ -159,17 +166,17 @@ def _separated(text, path, key):
     separator = next((mark for mark in (";", "\t", ",") if mark in header), None)
     if separator is None and _NAME.search(header):  # names have a space themselves
         names = [f"{name} [{unit}]" for name, unit in _NAME.findall(header)]
-        if _NAME.sub("", header.replace('"', "").replace("'", "")):
-            names = [header.strip()]
+        if _NAME.sub("", header):
+            names = [header]
     else:
-        names = _cells(header, separator)
+        names = header.split(separator)
     names = [" ".join(name.split()) for name in names]
     trailing = len(names) > 1 and names[-1] == ""
     names = names[:-1] if trailing else names
     _check_header(names, f"{path}, line {number}", key)
-    cells = [_cells(line, separator) for _, line in rows]
+    cells = [line.split(separator) for _, line in rows]
     for (number, _), row in zip(rows, cells, strict=True):
-        if len(row) == len(names) + 1 and not row[-1]:
+        if len(row) == len(names) + 1 and not row[-1].strip():
             row.pop()
         if len(row) != len(names):
             marks = {";": "semicolons", "\t": "tabs", ",": "commas", None: "spaces"}[separator]
@@ -178,16 +185,9 @@ def _separated(text, path, key):
                 f"{path}, line {number}: got {len(row)} values separated by {marks}, must be {len(names)} as in the "
                 "header",
             )
-    if separator != ",":
+    if separator != "," and "," in text:
         _decimal_points(cells, rows, path, key)
     return names, [number for number, _ in rows], cells
-
-
-def _cells(line, separator):
-    """Cells of a line, without spaces and quotes around them."""
-    if '"' in line or "'" in line:
-        line = line.replace('"', "").replace("'", "")
-    return [cell.strip() for cell in line.split(separator)]
 
 
 def _decimal_points(cells, rows, path, key):
@@ -230,17 +230,17 @@ def _check_gap(text, begin, end, path, key):
         raise InputError(key, f"{path}, line {line}: got {show(found)}, must be {_WANTED}")
 
 
-def _numbers(cells, names, lines, path, key):
-    """Convert cells to numbers, (n, columns)."""
-    if len(cells) < MIN_ROWS:
-        raise InputError(key, f"{path}: got {len(cells)} rows of values, must be at least {MIN_ROWS}")
+def _plain_numbers(cells):
+    """Convert cells to numbers, (n, columns); None if there are others."""
     try:
         table = np.array([[float(cell) for cell in row] for row in cells])
     except ValueError:
-        table = None
-    # float() also takes digit groups such as 1_000, which no logger means
-    if table is not None and not any("_" in cell for row in cells for cell in row) and np.abs(table).max() <= MAX_VALUE:
-        return table
+        return None
+    return table if len(table) and np.abs(table).max() <= MAX_VALUE else None
+
+
+def _numbers(cells, names, lines, path, key):
+    """Convert cells to numbers, those of Fortran as well, (n, columns)."""
     return np.array(
         [
             [_number(cell, f"{path}, line {n}, column '{name}'", key) for cell, name in zip(row, names, strict=True)]
@@ -251,6 +251,7 @@ def _numbers(cells, names, lines, path, key):
 
 def _number(text, where, key):
     """Convert one cell to a number."""
+    text = text.strip()
     value = float(re.sub("[dD]", "e", text)) if _NUMBER.fullmatch(text) else np.nan
     if not abs(value) <= MAX_VALUE:
         raise InputError(key, f"{where}: got {show(text)}, must be a number of at most {MAX_VALUE:g}")
