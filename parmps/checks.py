@@ -11,7 +11,7 @@ from parmps.fields import nearest
 from parmps.hull import build_hull
 from parmps.level import upwards
 from parmps.mesh import Mesh
-from parmps.motion import read_motion_file
+from parmps.records import read_motion_file
 from parmps.stl import read_surface
 
 TOLERANCE = 1e-9  # relative; forgives the rounding of decimal input such as 0.1 + 0.2
@@ -19,7 +19,6 @@ MAX_POINTS = 1e12  # thousands of times what anyone has computed
 COLUMN_POINTS = 401  # of a gauge's column, where a tank that is no box may have room for liquid
 SHORTEST = 1e-9
 """Shortest interval of results in runs: times are rounded to 12 digits (`run.Schedule`), and steps lie between."""
-OUT_OF_PLANE = ("sway", "yaw")
 UNITS = {"mm": 1e-3, "cm": 1e-2, "in": 0.0254, "ft": 0.3048}
 """Lengths in m that surfaces are drawn in by mistake."""
 UPPER = {"bottom": "top", "left": "right"}
@@ -270,21 +269,54 @@ def _check_interfaces(job):
 
 
 def _check_motion(job, item, key):
-    if job.dimension == 2 and item.kind in OUT_OF_PLANE:
-        raise InputError(f"{key}.kind", f"got '{item.kind}', must be surge, heave, roll, pitch or file in 2D")
+    if job.dimension == 2 and item.kind == "yaw":
+        raise InputError(f"{key}.kind", "got 'yaw', must be surge, sway, heave, roll, pitch or file in 2D")
     if getattr(item, "centre", None) is not None:
         _check_components(job, item.centre, f"{key}.centre", "m")
-    if item.kind != "file":
-        return
-    time, columns = read_motion_file(item.path, f"{key}.path")
-    for kind in OUT_OF_PLANE:
-        if job.dimension == 2 and np.any(columns.get(kind, 0.0)):
-            raise InputError(f"{key}.path", f"{item.path}: column {kind} must be absent or zero in 2D")
-    if job.time.end > time[-1] + TOLERANCE * job.time.end:
+    if item.kind == "file":
+        _check_record(job, item, key)
+    elif (item.omega is None) == (item.period is None):
+        found = "neither" if item.omega is None else "both"
+        raise InputError(f"{key}.omega", f"got {found}, must be exactly one of omega (rad/s) and period (s)")
+
+
+def _check_record(job, item, key):
+    table = read_motion_file(item.path, f"{key}.path")
+    first, last = table.time[0], table.time[-1]
+    if item.start is None and first >= job.time.end:
+        raise InputError(
+            f"{key}.start",
+            f"missing; {item.path} begins at {first:g} s, after the run's end at {job.time.end:g} s (time.end): the "
+            f"tank would stand still; start: {first:g} begins the run there",
+        )
+    if item.start is not None and not first <= item.start < last:
+        raise InputError(
+            f"{key}.start", f"got {item.start:g} s, must be within {item.path}, from {first:g} s to before {last:g} s"
+        )
+    start = item.start or 0.0
+    if job.time.end > last - start + TOLERANCE * max(job.time.end, abs(start)):
         raise InputError(
             "time.end",
-            f"got {job.time.end:g} s, must be at most {time[-1]:g} s, where {item.path} ends ({key})",
+            f"got {job.time.end:g} s, must be at most {last - start:g} s, where {item.path} ends ({key}); what comes "
+            "after is not known",
         )
+    if job.dimension == 2:
+        _check_plane(table, item, key)
+
+
+def _check_plane(table, item, key):
+    """Refuse a record of more than one plane in 2D."""
+    moving = [kind for kind, values in table.columns.items() if np.any(values)]
+    if "yaw" in moving:
+        raise InputError(f"{key}.path", f"{item.path}: column yaw must be absent or zero in 2D")
+    pairs = [("surge", "sway"), ("roll", "pitch")]
+    if table.outer:  # a turn about x belongs to the plane y-z
+        pairs += [("surge", "roll"), ("sway", "pitch")]
+    for pair in pairs:
+        if set(pair) <= set(moving):
+            raise InputError(
+                f"{key}.path", f"{item.path}: one of the columns {' and '.join(pair)} must be absent or zero in 2D"
+            )
 
 
 def _check_probes(job):

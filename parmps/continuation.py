@@ -9,8 +9,8 @@ from pydantic import BaseModel, Field, StrictFloat, StrictInt, ValidationError
 
 from parmps.errors import InputError, OutputError
 from parmps.fields import dotted
-from parmps.motion import read_motion_file
 from parmps.particles import DUMMY, FIELDS, FLUID, OUT, WALL
+from parmps.records import read_motion_file
 
 FREE_KEYS = ("time.end", "output")
 """Dotted keys of the job that a restart may change. Probes may be added, and motion files may go on otherwise."""
@@ -88,7 +88,7 @@ class Inputs:
             if item.kind == "file":
                 key = f"motion[{number}].path"
                 time, columns = read_motion_file(item.path, key)[:2]
-                self._records[key] = time - (getattr(item, "start", None) or 0.0), columns
+                self._records[key] = time - (item.start or 0.0), columns
 
     def until(self, time):
         """Tell a checkpoint what was read.

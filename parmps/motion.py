@@ -10,25 +10,20 @@ Vectors always have the three components x, y, z; in 2D the motion stays in the 
 """
 
 import math
-import os
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
-from parmps.errors import InputError
-from parmps.fields import nearest, show
+from parmps.curves import Curve
+from parmps.records import ROTATIONS, TRANSLATIONS, read_motion_file, state_of
+from parmps.rounding import steady_clock
 
 AXIS = {"surge": 0, "sway": 1, "heave": 2, "roll": 0, "pitch": 1, "yaw": 2}
-TRANSLATIONS = ("surge", "sway", "heave")
-ROTATIONS = ("roll", "pitch", "yaw")
-COLUMNS = {f"{kind} [m]": kind for kind in TRANSLATIONS} | {f"{kind} [deg]": kind for kind in ROTATIONS}
-TIME_COLUMN = "time [s]"
-
-MAX_FILE_BYTES = 64 * 2**20
-MIN_ROWS = 4
-MIN_INTERVAL = 1e-6  # s; closer rows would make the spline's derivatives meaningless
-MAX_VALUE = 1e6  # s, m or deg
+STANDARD_GRAVITY = 9.80665
+"""m/s2, in which accelerations are told."""
+LOOKS = 720
+"""Times in a period of a law at which its extremes are looked for: within 1e-5 of them."""
 
 
 class FrameState(NamedTuple):
@@ -154,7 +149,9 @@ class RigidMotion(NamedTuple):
 
 
 class Sine:
-    """The law amplitude sin(omega t + phase), at rest before t = 0.
+    """The law amplitude sin(omega t + phase), times a smooth ramp if there is one; at rest before t = 0.
+
+    The ramp 10 s^3 - 15 s^4 + 6 s^5, s = t / ramp, has two continuous derivatives and begins from rest.
 
     Parameters
     ----------
@@ -164,51 +161,136 @@ class Sine:
         rad/s.
     phase : float
         rad.
+    ramp : float
+        s; 0 for none.
     """
 
-    def __init__(self, amplitude, omega, phase):
-        self.amplitude, self.omega, self.phase = amplitude, omega, phase
+    def __init__(self, amplitude, omega, phase, ramp=0.0):
+        self.amplitude, self.omega, self.phase, self.ramp = amplitude, omega, phase, ramp
 
     @property
     def still(self):
         """Whether the value never changes."""
-        return self.amplitude * self.omega == 0.0
+        return self.amplitude * self.omega == 0.0 and self.amplitude * np.sin(self.phase) * self.ramp == 0.0
 
     def __call__(self, t):
         """Value and its first two time derivatives at t (s)."""
         if t < 0:
-            return self.amplitude * np.sin(self.phase), 0.0, 0.0
+            return self.amplitude * np.sin(self.phase) * (self.ramp == 0.0), 0.0, 0.0
         angle = self.omega * t + self.phase
         value = self.amplitude * np.sin(angle)
-        return value, self.amplitude * self.omega * np.cos(angle), -(self.omega**2) * value
+        rate = self.amplitude * self.omega * np.cos(angle)
+        acceleration = -(self.omega**2) * value
+        if t >= self.ramp:
+            return value, rate, acceleration
+        s = t / self.ramp
+        share = s**3 * (10.0 + s * (6.0 * s - 15.0))
+        first = 30.0 * (s * (1.0 - s)) ** 2 / self.ramp
+        second = 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / self.ramp**2
+        return (
+            share * value,
+            share * rate + first * value,
+            share * acceleration + 2.0 * first * rate + second * value,
+        )
+
+    def history(self, end):
+        """Value and its first two derivatives, (3, n), at times up to the end (s) that have all extremes."""
+        period = 2.0 * np.pi / self.omega if self.omega else 0.0
+        until = min(end, self.ramp + period)
+        periods = min(max(until / period, 1.0), 100.0) if period else 1.0
+        return np.array([self(t) for t in np.linspace(0.0, until, int(LOOKS * periods) + 1)]).T
 
 
 class Record:
-    """A recorded signal as a cubic spline.
+    """A recorded signal as a curve with two continuous derivatives.
 
     Before its first row the tank rests at the first value, and before t = 0 at the value of t = 0. A record
-    that begins after the start of the run sets out from rest (zero slope); one that begins with the run, or
-    before, keeps the velocity of its data (not-a-knot ends), so that it may start with an impulse as the sine
-    law does.
+    that begins after the start of the run sets out from rest; one that begins with the run, or before, keeps the
+    velocity of its data, so that it may start with an impulse as the sine law does.
 
     Parameters
     ----------
     time : (n,) float64, s
-    values : (n,) float64, m or rad
+    values : (n,) float64
+    start : float
+        Time in the record at which the run begins, s.
+    unit : float
+        Of the values, m or rad.
     """
 
-    def __init__(self, time, values):
-        first = (1, 0.0) if time[0] > 0 else "not-a-knot"
-        spline = CubicSpline(time, values, bc_type=(first, "not-a-knot"))
-        self._start = max(time[0], 0.0)
-        self._laws = spline, spline.derivative(1), spline.derivative(2)
+    def __init__(self, time, values, start=0.0, unit=1.0):
+        late = time[0] - start > 0.5 * (time[1] - time[0])  # not only by the rounding of its times
+        self.curve = Curve(time, values, rests=late)
+        self._shift, self._unit = start, unit
+        self._begin = self.curve.nodes.time[0] if late else start
         self.still = bool(np.ptp(values) == 0.0)
 
     def __call__(self, t):
         """Value and its first two time derivatives at t (s)."""
-        if t < self._start:
-            return float(self._laws[0](self._start)), 0.0, 0.0
-        return tuple(float(law(t)) for law in self._laws)
+        time = t + self._shift
+        if t < 0.0 or time < self._begin:
+            return self._unit * float(self.curve(self._begin)[0]), 0.0, 0.0
+        return tuple((self._unit * self.curve(time)).tolist())
+
+    def history(self, end):
+        """Value and its first two derivatives, (3, n), at times up to the end (s) that have all extremes."""
+        last = end + self._shift
+        nodes = self.curve.nodes.time
+        nodes = np.concatenate([[self._begin], nodes[(nodes > self._begin) & (nodes < last)], [last]])
+        between = nodes[:-1, None] + np.diff(nodes)[:, None] * np.arange(4) / 4
+        return self._unit * self.curve(np.append(between.ravel(), last))
+
+
+@lru_cache(maxsize=16)
+def _record(path, key, kind, start, backwards, _state):
+    """One column of a motion file in one state; checks, plan and run all ask for it."""
+    table = read_motion_file(path, key)
+    unit = np.pi / 180.0 if kind in ROTATIONS else 1.0
+    return Record(steady_clock(table.time), table.columns[kind], start, -unit if backwards else unit)
+
+
+class Part(NamedTuple):
+    """One displacement or turn among those of a motion.
+
+    Attributes
+    ----------
+    number : int
+        Of the item in the job's list.
+    kind : str
+        surge, sway, heave, roll, pitch or yaw.
+    axis : int
+    centre : (3,) float64 or None, m
+        Of a turn.
+    law : Sine or Record
+    arm : float
+        Distance of the tank's farthest corner from the axis of a turn, m.
+    """
+
+    number: int
+    kind: str
+    axis: int
+    centre: np.ndarray | None
+    law: object
+    arm: float
+
+    def extremes(self, end):
+        """Find how far and fast it goes.
+
+        Parameters
+        ----------
+        end : float
+            s; from the start of the run on.
+
+        Returns
+        -------
+        value, rate, acceleration : float
+            Greatest, m or rad and s.
+        felt : float
+            Greatest acceleration of a corner of the tank, m/s2.
+        """
+        value, rate, acceleration = np.abs(self.law.history(end))
+        felt = acceleration if self.centre is None else self.arm * np.hypot(acceleration, rate**2)
+        return float(value.max()), float(rate.max()), float(acceleration.max()), float(felt.max())
 
 
 class Motion:
@@ -217,7 +299,8 @@ class Motion:
     Surge, sway and heave are summed along the tank-fixed axes and applied first (innermost); then come roll
     about x, pitch about y and yaw about z, each about its own centre, which is given in the tank at rest and
     stays fixed in the frame outside it. Turns of the same kind are applied in the order listed. In 2D, roll
-    and pitch both turn about y, positive when the right side goes down.
+    and pitch both turn about y, positive when the right side goes down, and sway is surge. OpenFOAM's tables, which
+    have another order, come last.
 
     Parameters
     ----------
@@ -243,26 +326,37 @@ class Motion:
         self._gravity = np.array([0.0, 0.0, -gravity])
         size = tank.size if dimension == 3 else (tank.length, 0.0, tank.height)
         self.corners = np.stack(np.meshgrid(*[(0.0, side) for side in size]), axis=-1).reshape(-1, 3)
-        self._translations = []
-        turns = {kind: [] for kind in ROTATIONS}
+        self.parts, self._translations, turns, self._outer = [], [], [], []
         for number, item in enumerate(items):
-            for kind, law in _laws(item, f"motion[{number}].path"):
-                if kind in TRANSLATIONS:
-                    self._translations.append((AXIS[kind], law))
-                else:
-                    axis = AXIS["pitch"] if dimension == 2 else AXIS[kind]
-                    turns[kind].append((axis, _xyz(item.centre or tank.bottom_centre), law))
-        self._turns = [turn for kind in ROTATIONS for turn in turns[kind]]
+            laws, outer = _laws(item, f"motion[{number}].path", dimension)
+            parts = [self._part(number, item, kind, law, dimension, tank) for kind, law in laws]
+            self.parts += parts
+            if outer:
+                self._outer += [parts]
+                continue
+            self._translations += [part for part in parts if part.centre is None]
+            turns += [part for part in parts if part.centre is not None]
+        self._turns = sorted(turns, key=lambda part: ROTATIONS.index(part.kind))
+
+    def _part(self, number, item, kind, law, dimension, tank):
+        axis = AXIS[kind]
+        if dimension == 2:
+            axis = {"sway": AXIS["surge"], "roll": AXIS["pitch"]}.get(kind, axis)
+        if kind in TRANSLATIONS:
+            return Part(number, kind, axis, None, law, 0.0)
+        centre = _xyz(item.centre or tank.bottom_centre)
+        arm = np.linalg.norm(np.delete(self.corners - centre, axis, axis=1), axis=1).max()
+        return Part(number, kind, axis, centre, law, float(arm))
 
     @property
     def moves(self):
         """Whether the tank ever moves; without, the body force is constant."""
-        return self.rotates or any(not law.still for _, law in self._translations)
+        return any(not part.law.still for part in self.parts)
 
     @property
     def rotates(self):
         """Whether the tank ever turns; without, the body force is uniform."""
-        return any(not law.still for _, _, law in self._turns)
+        return any(not part.law.still for part in self.parts if part.centre is not None)
 
     def at(self, t):
         """State of the tank frame at a time.
@@ -277,8 +371,12 @@ class Motion:
         FrameState
         """
         frame = _translation(self._translations, t)
-        for axis, centre, law in self._turns:
-            frame = _turn(axis, centre, *law(t)).after(frame)
+        for part in self._turns:
+            frame = _turn(part.axis, part.centre, *part.law(t)).after(frame)
+        for parts in self._outer:
+            for part in reversed([part for part in parts if part.centre is not None]):
+                frame = _turn(part.axis, part.centre, *part.law(t)).after(frame)
+            frame = _translation([part for part in parts if part.centre is None], t).after(frame)
         to_tank = frame.rotation.T
         return FrameState(
             rotation=frame.rotation,
@@ -306,16 +404,18 @@ class Motion:
         return -self.at(0.0).velocity_at(position)
 
 
-def _laws(item, key):
-    """List the (kind, law) pairs of one motion item; angles in rad."""
-    if item.kind == "file":
-        time, columns = read_motion_file(item.path, key)
-        return [
-            (kind, Record(time, np.radians(values) if kind in ROTATIONS else values))
-            for kind, values in columns.items()
-        ]
-    amplitude = np.radians(item.amplitude_deg) if item.kind in ROTATIONS else item.amplitude
-    return [(item.kind, Sine(amplitude, item.omega, np.radians(item.phase_deg)))]
+def _laws(item, key, dimension):
+    """List the (kind, law) pairs of one motion item, and tell whether they are in OpenFOAM's order."""
+    if item.kind != "file":
+        amplitude = np.radians(item.amplitude_deg) if item.kind in ROTATIONS else item.amplitude
+        return [(item.kind, Sine(amplitude, item.rate, np.radians(item.phase_deg), item.ramp))], False
+    table, state = read_motion_file(item.path, key), state_of(item.path, key)
+    # OpenFOAM's roll turns y towards z; in 2D its plane y-z is ours, where a positive turn takes z towards x
+    flat = dimension == 2 and table.outer
+    kinds = [kind for kind, values in table.columns.items() if not flat or np.any(values)]
+    return [
+        (kind, _record(item.path, key, kind, item.start or 0.0, flat and kind == "roll", state)) for kind in kinds
+    ], table.outer
 
 
 def _xyz(point):
@@ -329,11 +429,11 @@ def _cross(a, b):
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
-def _translation(translations, t):
+def _translation(parts, t):
     """Sum the displacements of an unturned frame."""
     derivatives = np.zeros((3, 3))
-    for axis, law in translations:
-        derivatives[:, axis] += law(t)
+    for part in parts:
+        derivatives[:, part.axis] += part.law(t)
     return RigidMotion(np.eye(3), *derivatives, omega=np.zeros(3), alpha=np.zeros(3))
 
 
@@ -379,95 +479,5 @@ def forcing_period(items):
     """
     if any(item.kind == "file" for item in items):
         return None
-    omegas = {item.omega for item in items if item.omega > 0.0}
-    return 2.0 * math.pi / omegas.pop() if len(omegas) == 1 else None
-
-
-def read_motion_file(path, key="motion"):
-    """Read a recorded motion.
-
-    Parameters
-    ----------
-    path : str
-        CSV file with one header row: ``time [s]`` and at least one of ``surge [m]``, ``sway [m]``,
-        ``heave [m]``, ``roll [deg]``, ``pitch [deg]``, ``yaw [deg]``, in any order. Blank lines and lines that
-        begin with ``#`` are passed over.
-    key : str
-        Key of the job file that names it, for messages.
-
-    Returns
-    -------
-    time : (n,) float64, s
-    columns : dict of str to (n,) float64
-        Values by kind of motion, m or deg.
-
-    Raises
-    ------
-    InputError
-        Names the file, line and column that cannot be used.
-    """
-    lines = _read_lines(path, key)
-    header_line, header = next(lines, (1, []))
-    names = [name.strip() for name in header]
-    _check_header(names, f"{path}, line {header_line}", key)
-    rows = []
-    for number, cells in lines:
-        where = f"{path}, line {number}"
-        if len(cells) != len(names):
-            raise InputError(key, f"{where}: got {len(cells)} values, must be {len(names)} as in the header")
-        row = [_cell(cell, f"{where}, column '{name}'", key) for name, cell in zip(names, cells, strict=True)]
-        time = row[names.index(TIME_COLUMN)]
-        if rows and time - rows[-1][names.index(TIME_COLUMN)] < MIN_INTERVAL:
-            raise InputError(
-                key,
-                f"{where}, column '{TIME_COLUMN}': got {time:g}, must grow by {MIN_INTERVAL:g} s or more",
-            )
-        rows.append(row)
-    if len(rows) < MIN_ROWS:
-        raise InputError(key, f"{path}: got {len(rows)} rows of values, must be at least {MIN_ROWS}")
-    table = dict(zip(names, np.array(rows).T, strict=True))
-    time = table.pop(TIME_COLUMN)
-    return time, {COLUMNS[name]: values for name, values in table.items()}
-
-
-def _read_lines(path, key):
-    """Yield line number and cells of each line that is neither blank nor a comment."""
-    if not os.path.isfile(path):
-        raise InputError(key, f"{path}: no such file")
-    try:
-        with open(path, "rb") as file:
-            data = file.read(MAX_FILE_BYTES + 1)
-    except OSError as error:
-        raise InputError(key, f"{path}: cannot be read: {error.strerror}") from None
-    if len(data) > MAX_FILE_BYTES:
-        raise InputError(key, f"{path}: must be at most {MAX_FILE_BYTES // 2**20} MiB")
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        raise InputError(key, f"{path}, line {line}: not UTF-8 text") from None
-    lines = enumerate(text.split("\n"), 1)
-    return ((number, line.split(",")) for number, line in lines if line.strip() and not line.lstrip().startswith("#"))
-
-
-def _check_header(names, where, key):
-    allowed = [TIME_COLUMN, *COLUMNS]
-    for number, name in enumerate(names):
-        if name not in allowed:
-            raise InputError(key, f"{where}: unknown column {show(name)}{nearest(name, allowed)}")
-        if name in names[:number]:
-            raise InputError(key, f"{where}: column '{name}' is given twice")
-    if TIME_COLUMN not in names or len(names) < 2:
-        raise InputError(key, f"{where}: the header row must name '{TIME_COLUMN}' and at least one motion")
-
-
-def _cell(text, where, key):
-    """Convert one cell of a motion file to a number."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = np.nan
-    # float() also takes digit groups such as 1_000, which no CSV writer means
-    if "_" in text or not abs(value) <= MAX_VALUE:
-        raise InputError(key, f"{where}: got {show(text.strip())}, must be a number of at most {MAX_VALUE:g}")
-    return value
+    rates = {item.rate for item in items if item.rate > 0.0}
+    return 2.0 * math.pi / rates.pop() if len(rates) == 1 else None

@@ -12,7 +12,7 @@ from parmps.kernels.weight import lattice
 from parmps.level import starts_level
 from parmps.liquids import Liquids
 from parmps.machine import available_memory, free_disk
-from parmps.motion import Motion
+from parmps.motion import STANDARD_GRAVITY, Motion
 from parmps.output import FRAME_BYTES, POINT_BYTES
 from parmps.particles import PARTICLE_BYTES
 from parmps.simulation import (
@@ -72,6 +72,8 @@ def plan_text(job, domain):
     lines += ["", "Particles" if exact else "Particles (an estimate)", *_particle_lines(counts, spacing, exact)]
     lines += ["", "Memory (an estimate)", *_memory_lines(job, counts, domain.size)]
     lines += ["", "Disk (an estimate)", *_disk_lines(job, counts)]
+    if job.motion:
+        lines += ["", "Motion, at most", *_motion_lines(job)]
     steps = step_estimate(job, spacing)
     lines += ["", "Time steps (an estimate)", *_step_lines(job, steps)]
     lines += ["", "Accuracy and cost (by the trade study)", *_trade_lines(job, counts, spacing, steps)]
@@ -347,6 +349,29 @@ def check_machine(job, ranks, ranks_here, directory, kept):
             f"the results take about {sum(disk.values()) / 1e9:.3g} GB of disk, {largest} {disk[largest] / 1e9:.3g} GB "
             f"of it; {directory} has {free / 1e9:.3g} GB. --force runs it all the same",
         )
+# Motion
+
+
+def _motion_lines(job):
+    rows = []
+    for part in Motion(job.motion, job.gravity, job.dimension, job.tank).parts:
+        value, rate, acceleration, felt = part.extremes(job.time.end)
+        unit, scale = ("m", 1.0) if part.centre is None else ("deg", 180.0 / math.pi)
+        gravities = f"{felt / STANDARD_GRAVITY:.3g} g"
+        if part.centre is not None:
+            gravities = f"{scale * acceleration:.4g} deg/s2, {gravities} at the farthest corner"
+        item = job.motion[part.number]
+        rounding = part.law.curve.resolution if item.kind == "file" else 0.0
+        rows.append(
+            (
+                f"motion[{part.number}] {part.kind}",
+                f"{scale * value:.4g} {unit}",
+                f"{scale * rate:.4g} {unit}/s",
+                gravities,
+                f"recorded in steps of {rounding:.3g} {unit}, which are smoothed" if rounding else "",
+            )
+        )
+    return _table(rows)
 
 
 # Time steps

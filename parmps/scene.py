@@ -4,6 +4,7 @@ The keys, units and meanings of a job file are declared here and nowhere else; :
 them. What involves several keys at once is checked by :mod:`parmps.checks`.
 """
 
+import math
 import os
 from functools import cached_property, reduce
 from operator import or_
@@ -273,16 +274,42 @@ class Interface(Section):
     )
 
 
-class Translation(Kind):
+Omega = Annotated[
+    Annotated[Number, Field(ge=0, le=1e4)] | None,
+    setting("angular frequency (2 pi times the frequency in Hz), or else the period", "rad/s"),
+]
+Period = Annotated[
+    Annotated[Number, Field(ge=1e-4, le=1e6)] | None, setting("period, instead of the angular frequency", "s")
+]
+Ramp = Annotated[
+    Annotated[Number, Field(ge=0, le=1e6)],
+    setting("time in which the motion grows smoothly from rest; 0: it starts with its full speed", "s"),
+]
+
+
+class Law(Kind):
+    """A motion by a law of time."""
+
+    @property
+    def rate(self):
+        """Angular frequency, rad/s."""
+        return self.omega if self.period is None else 2.0 * math.pi / self.period
+
+
+class Translation(Law):
     """Sinusoidal displacement along a tank-fixed axis: amplitude sin(omega t + phase)."""
 
-    kind: Literal["surge", "sway", "heave"] = setting("displacement along x (surge), y (sway) or z (heave)")
+    kind: Literal["surge", "sway", "heave"] = setting(
+        "displacement along x (surge), y (sway) or z (heave); in 2D surge and sway are both along x"
+    )
     amplitude: Number = setting("amplitude", "m", ge=-1e3, le=1e3)
-    omega: Number = setting("angular frequency (2 pi times the frequency in Hz)", "rad/s", ge=0, le=1e4)
+    omega: Omega = None
+    period: Period = None
     phase_deg: Angle = setting("phase at the start", "deg", 0.0)
+    ramp: Ramp = 0.0
 
 
-class Rotation(Kind):
+class Rotation(Law):
     """Sinusoidal turn about a centre: amplitude sin(omega t + phase)."""
 
     kind: Literal["roll", "pitch", "yaw"] = setting(
@@ -290,20 +317,25 @@ class Rotation(Kind):
         "the in-plane turn, positive: right end down"
     )
     amplitude_deg: Angle = setting("amplitude", "deg")
-    omega: Number = setting("angular frequency (2 pi times the frequency in Hz)", "rad/s", ge=0, le=1e4)
+    omega: Omega = None
+    period: Period = None
     phase_deg: Angle = setting("phase at the start", "deg", 0.0)
+    ramp: Ramp = 0.0
     centre: Point | None = setting(
         "centre of the turn, at rest; null: the bottom centre of the tank", "m", None
     )
 
 
 class MotionFile(Kind):
-    """Motion recorded in a CSV file, interpolated by cubic splines."""
+    """Motion recorded in a file."""
 
     kind: Literal["file"] = setting("recorded motion")
     path: InputPath = setting(
-        "CSV file, relative to the job file, with the columns time [s] and any of surge [m], sway [m], "
-        "heave [m], roll [deg], pitch [deg], yaw [deg]"
+        "text file, relative to the job file, with the columns time [s] and any of surge [m], sway [m], "
+        "heave [m], roll [deg], pitch [deg], yaw [deg], or OpenFOAM's tabulated6DoFMotion"
+    )
+    start: Annotated[Number, Field(ge=-1e6, le=1e6)] | None = setting(
+        "time in the record at which the run begins; null: its zero", "s", None
     )
     centre: Point | None = setting(
         "centre of the turns, at rest; null: the bottom centre of the tank", "m", None

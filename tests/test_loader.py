@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from parmps.cautions import cautions
 from parmps.errors import InputError
 from parmps.loader import MAX_NODES, load_job, parse_job, read_yaml
-from parmps.motion import read_motion_file
 from parmps.planning import plan_text
+from parmps.records import read_motion_file
 from parmps.scene import Job
 
 FUZZ_FACTOR = float(os.environ.get("PARMPS_FUZZ", "1"))

@@ -1,10 +1,9 @@
-"""The motion of the tank: rigid-body kinematics, body force against a point mass, motion files."""
+"""The motion of the tank: rigid-body kinematics, body force against a point mass, laws."""
 
 import numpy as np
 import pytest
 
-from parmps.errors import InputError
-from parmps.motion import Motion, read_motion_file
+from parmps.motion import Motion
 from parmps.scene import MotionFile, Rotation, Tank, Translation
 
 GRAVITY = 9.8
@@ -204,51 +203,114 @@ def test_record_that_begins_late_sets_out_from_rest(tmp_path):
     np.testing.assert_allclose(motion.at(1.9).velocity, [0.5, 0, 0], atol=1e-4)
 
 
-ROWS = "0,0\n1,1\n2,0\n3,1\n"
+def test_openfoam_turns_first_roll_last_and_displaces_along_the_earth(tmp_path):
+    """As its transformation does: p to Rx Ry Rz (p - c) + c + d, whatever else moves inside."""
+    row = "({t} (({t} 0.2 {t}) (10 {a} 30)))\n"
+    path = tmp_path / "motion.dat"
+    path.write_text("(\n" + "".join(row.format(t=t / 10, a=t) for t in range(30)) + ")\n")
+    centre, point = np.array([0.1, 0.2, 0.3]), np.array([0.5, -0.1, 0.2])
+    item = MotionFile(kind="file", path=str(path), centre=tuple(centre))
+    state = Motion((item,), GRAVITY, 3, TANK).at(1.7)
+    x, y, z = np.radians([10, 17, 30])
+    about_x = np.array([[1, 0, 0], [0, np.cos(x), -np.sin(x)], [0, np.sin(x), np.cos(x)]])
+    about_y = np.array([[np.cos(y), 0, np.sin(y)], [0, 1, 0], [-np.sin(y), 0, np.cos(y)]])
+    about_z = np.array([[np.cos(z), -np.sin(z), 0], [np.sin(z), np.cos(z), 0], [0, 0, 1]])
+    moved = about_x @ about_y @ about_z @ (point - centre) + centre + [1.7, 0.2, 1.7]
+    np.testing.assert_allclose(state.origin + state.rotation @ point, moved, atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("", ["line 1", "time [s]"]),
-        (ROWS, ["line 1", "unknown column '0'"]),
-        ("time [s]\n0\n1\n2\n3\n", ["line 1", "at least one motion"]),
-        ("surge [m],heave [m]\n" + ROWS, ["line 1", "time [s]"]),
-        ("time [s],surge\n" + ROWS, ["unknown column 'surge'", "did you mean 'surge [m]'"]),
-        ("time [s],roll [rad]\n" + ROWS, ["did you mean 'roll [deg]'"]),
-        ("time [s],surge [m],surge [m]\n" + ROWS, ["'surge [m]' is given twice"]),
-        ("time [s],surge [m]\n0,0\n1,x\n2,0\n3,1\n", ["line 3", "'surge [m]'", "'x'", "number"]),
-        ("time [s],surge [m]\n0,0\n1,nan\n2,0\n3,1\n", ["line 3", "'nan'"]),
-        ("time [s],surge [m]\n0,0\n1,1e300\n2,0\n3,1\n", ["line 3", "at most 1e+06"]),
-        ("time [s],surge [m]\n0,0\n1,1_0\n2,0\n3,1\n", ["line 3", "'1_0'"]),
-        ("time [s],surge [m]\n0,0\n1\n2,0\n3,1\n", ["line 3", "got 1 values", "must be 2"]),
-        ("time [s],surge [m]\n0,0\n1,1\n1,0\n3,1\n", ["line 4", "'time [s]'", "must grow"]),
-        ("time [s],surge [m]\n0,0\n1,1\n2,0\n", ["got 3 rows", "at least 4"]),
-        (b"time [s],surge [m]\n0,\xff\n", ["line 2", "UTF-8"]),
-    ],
-)
-def test_bad_motion_files_are_refused(tmp_path, text, expected):
-    path = tmp_path / "motion.csv"
-    path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    with pytest.raises(InputError) as refusal:
-        read_motion_file(str(path), "motion[2].path")
-    for part in ["motion[2].path", str(path), *expected]:
-        assert part in str(refusal.value)
-    assert "\n" not in str(refusal.value)
+def test_openfoam_table_with_other_motions(tmp_path):
+    path = tmp_path / "motion.dat"
+    row = "({:.4f} (({:.12f} {:.12f} {:.12f}) ({:.12f} {:.12f} {:.12f})))\n"
+    times = np.arange(0, 1.01, 0.0025)
+    path.write_text("(" + "".join(row.format(t, *(0.1 * np.sin(t * np.arange(1, 7)))) for t in times) + ")")
+    item = MotionFile(kind="file", path=str(path), centre=(0.0, 0.1, 0.2))
+    assert_free_fall(Motion((SUPERPOSED[0], item, SUPERPOSED[1]), GRAVITY, 3, TANK))
 
 
-def test_motion_file_in_any_order_with_comments_blank_lines_and_windows_line_ends(tmp_path):
-    path = tmp_path / "motion.csv"
-    text = b"\xef\xbb\xbf# run 3, 0.5 Hz\r\nroll [deg], time [s]\r\n1,0\r\n2,1\r\n\r\n # gap\r\n3,2\r\n4,3\r\n\r\n"
-    path.write_bytes(text)
-    time, columns = read_motion_file(str(path))
-    np.testing.assert_array_equal(time, [0, 1, 2, 3])
-    np.testing.assert_array_equal(columns["roll"], [1, 2, 3, 4])
+@pytest.mark.parametrize(("columns", "sign"), [("0 0 0.02) (0 3 0", -1.0), ("0 0 0.02) (3 0 0", 1.0)])
+def test_openfoam_table_in_a_plane(tmp_path, columns, sign):
+    """A turn about y lowers the right end, one about x raises it."""
+    path = tmp_path / "motion.dat"
+    path.write_text("(\n" + "".join(f"({t} (({columns})))\n" for t in range(5)) + ")\n")
+    state = Motion((MotionFile(kind="file", path=str(path)),), GRAVITY, 2, TANK_2D).at(1.0)
+    right = state.origin + state.rotation @ [0.8, 0.0, 0.0]
+    assert right[2] == pytest.approx(0.02 + sign * 0.4 * np.sin(np.radians(3)))
+    assert right[1] == 0.0
 
 
-def test_oversized_motion_file_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("parmps.motion.MAX_FILE_BYTES", 2**20)
-    path = tmp_path / "motion.csv"
-    path.write_bytes(b"0" * (2**20 + 1))
-    with pytest.raises(InputError, match="at most 1 MiB"):
-        read_motion_file(str(path))
+def test_sway_is_surge_in_2d():
+    laws = [Translation(kind=kind, amplitude=0.1, omega=3.1, phase_deg=30) for kind in ("surge", "sway")]
+    first, second = (Motion((law,), GRAVITY, 2, TANK_2D).at(0.7) for law in laws)
+    for found, expected in zip(second, first, strict=True):
+        np.testing.assert_array_equal(found, expected)
+
+
+def test_period_instead_of_omega():
+    by_period = Motion((Translation(kind="surge", amplitude=0.1, period=1.6),), GRAVITY, 2, TANK_2D)
+    by_omega = Motion((Translation(kind="surge", amplitude=0.1, omega=2 * np.pi / 1.6),), GRAVITY, 2, TANK_2D)
+    np.testing.assert_array_equal(by_period.at(0.9).force, by_omega.at(0.9).force)
+
+
+def test_ramp_starts_from_rest_and_ends_in_the_law():
+    law = {"kind": "roll", "amplitude_deg": 20, "omega": 4.0, "phase_deg": 50, "centre": (0.1, 0.2)}
+    ramped, plain = (Motion((Rotation(**law, ramp=ramp),), GRAVITY, 2, TANK_2D) for ramp in (1.5, 0.0))
+    first = ramped.at(0.0)
+    np.testing.assert_array_equal(first.rotation, np.eye(3))
+    assert not first.omega.any() and not first.alpha.any()
+    np.testing.assert_array_equal(ramped.at(-1.0).rotation, np.eye(3))
+    for found, expected in zip(ramped.at(1.5), plain.at(1.5), strict=True):
+        np.testing.assert_allclose(found, expected, atol=1e-12)
+    np.testing.assert_allclose(ramped.at(1.5 - 1e-9).alpha, plain.at(1.5).alpha, atol=1e-6)
+    assert_free_fall(ramped)
+
+
+def test_ramped_heel_moves():
+    heel = {"kind": "roll", "amplitude_deg": 5, "omega": 0, "phase_deg": 90}
+    assert Motion((Rotation(**heel, ramp=1.0),), GRAVITY, 2, TANK_2D).moves
+    assert not Motion((Rotation(**heel),), GRAVITY, 2, TANK_2D).moves
+
+
+def test_start_within_a_record(tmp_path):
+    law = {"surge [m]": lambda t: 0.02 * np.sin(6 * (t - 12.5))}
+    item = write_csv(tmp_path / "sine.csv", law, start=10.0, end=15.0, rows=1001)
+    recorded = Motion((item.model_copy(update={"start": 12.5}),), GRAVITY, 2, TANK_2D)
+    sine = Motion((Translation(kind="surge", amplitude=0.02, omega=6),), GRAVITY, 2, TANK_2D)
+    for t in (-0.5, 0.0, 0.333, 2.4):
+        np.testing.assert_allclose(recorded.at(t).velocity, sine.at(t).velocity, atol=1e-5)
+        np.testing.assert_allclose(recorded.at(t).force, sine.at(t).force, atol=2e-3)
+
+
+def test_a_rounded_record_that_begins_late_sets_out_from_rest(tmp_path):
+    path = tmp_path / "late.csv"
+    times = np.arange(1.0, 4.0, 0.005)
+    np.savetxt(path, np.column_stack([times, 0.02 * np.sin(6 * (times - 1.0))]), "%.4f", ",",
+               header="time [s],surge [m]", comments="")  # fmt: skip
+    motion = Motion((MotionFile(kind="file", path=str(path)),), GRAVITY, 2, TANK_2D)
+    steps = np.linspace(0.0, 3.9, 3901)
+    velocity = np.array([motion.at(t).velocity[0] for t in steps])
+    assert np.abs(velocity[steps < 0.9]).max() < 1e-4
+    force = np.array([motion.at(t).force[0] for t in steps])
+    # the liquid is given all of the tank's speed by the body force, none by a jump
+    given = -np.concatenate([[0.0], np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(steps))])
+    np.testing.assert_allclose(given, velocity, atol=1e-3)
+    np.testing.assert_allclose(velocity[steps > 1.2], 0.12 * np.cos(6 * (steps[steps > 1.2] - 1)), atol=2e-3)
+
+
+def test_extremes(tmp_path):
+    law = {"surge [m]": lambda t: 0.02 * np.sin(6 * t)}
+    items = (
+        Rotation(kind="roll", amplitude_deg=10, omega=5.0, centre=(0.0, 0.0)),
+        Translation(kind="heave", amplitude=0.1, period=2.0),
+        write_csv(tmp_path / "sine.csv", law, rows=401),
+    )
+    roll, heave, surge = Motion(items, GRAVITY, 2, TANK_2D).parts
+    # acceleration and centripetal acceleration are greatest a quarter of a period apart
+    angle = np.radians(10)
+    phase = np.linspace(0, np.pi / 2, 10_001)
+    felt = 0.89**0.5 * angle * 25 * np.hypot(np.sin(phase), angle * np.cos(phase) ** 2).max()
+    np.testing.assert_allclose(roll.extremes(10.0), [angle, angle * 5, angle * 25, felt], rtol=1e-5)
+    np.testing.assert_allclose(heave.extremes(10.0), [0.1, 0.1 * np.pi, 0.1 * np.pi**2, 0.1 * np.pi**2], rtol=1e-5)
+    np.testing.assert_allclose(surge.extremes(2.0), [0.02, 0.12, 0.72, 0.72], rtol=1e-3)
+    # within the run alone
+    np.testing.assert_allclose(heave.extremes(0.1)[0], 0.1 * np.sin(0.1 * np.pi), rtol=1e-6)

@@ -203,3 +203,23 @@ def test_memory_is_the_least_that_the_system_and_control_groups_leave(monkeypatc
     assert available_memory() == 900_000_000
     read["/proc/self/cgroup"] = "4:memory:/elsewhere\n0::/\n"
     assert available_memory() == 8_192_000_000
+def test_plan_tells_the_greatest_of_every_motion(tmp_path):
+    times = [k / 200 for k in range(401)]
+    rows = "".join(f"{t:.3f},{0.01 * math.sin(4.5 * t):.4f}\n" for t in times)
+    (tmp_path / "motion.csv").write_text("time [s],surge [m]\n" + rows)
+    text = (
+        "dimension: 2\nspacing: 0.05\ntank: {size: [1.0, 0.6]}\ntime: {end: 2.0}\nfluids: [{name: water, depth: 0.3}]\n"
+        f"motion: [{{kind: roll, amplitude_deg: 4, period: 2}}, {{kind: file, path: {tmp_path}/motion.csv}}]\n"
+    )
+    lines = plan_text(parse_job(text), Domain()).splitlines()
+    roll, surge = (next(line.split() for line in lines if name in line) for name in ("[0] roll", "[1] surge"))
+    assert roll[2:6] == ["4", "deg", "12.57", "deg/s"]
+    acceleration = 4 * math.pi**2
+    assert roll[6:8] == [f"{acceleration:.4g}", "deg/s2,"]
+    felt = math.hypot(0.5, 0.6) * math.radians(acceleration) / 9.80665
+    assert float(roll[8]) == pytest.approx(felt, rel=0.02) and roll[9] == "g"
+    assert surge[3] == "m" and surge[5] == "m/s" and surge[7] == "g"
+    assert float(surge[2]) == pytest.approx(0.01, abs=5e-5)
+    assert float(surge[4]) == pytest.approx(0.045, rel=0.02)
+    assert float(surge[6]) == pytest.approx(0.01 * 4.5**2 / 9.80665, rel=0.05)
+    assert "recorded in steps of 0.0001 m" in " ".join(surge)

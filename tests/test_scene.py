@@ -1,6 +1,8 @@
 """The models of a job: what is accepted, what is refused and with which message, warnings, the schema."""
 
 import copy
+import math
+import random
 from pathlib import Path
 
 import pytest
@@ -10,11 +12,12 @@ from pydantic import ValidationError
 from parmps.cautions import cautions
 from parmps.errors import InputError
 from parmps.fields import Section, models_in
-from parmps.loader import job_text, parse_job
+from parmps.loader import job_text, load_job, parse_job
 from parmps.scene import Job
 from parmps.schema import json_schema, schema_markdown, schema_rows, schema_table
 from parmps.scheme import PRESETS, Scheme
 
+ROOT = Path(__file__).parents[1]
 BASE_2D = {
     "dimension": 2,
     "spacing": 0.01,
@@ -193,9 +196,24 @@ def test_jobs_are_immutable():
         ),
         (["interfaces", 0, "wetting_angle"], 20, "interfaces[0].wetting_angle: got 20, must be at least 30 (deg)"),
         (
-            ["motion", 0, "kind"],
-            "sway",
-            "motion[0].kind: got 'sway', must be surge, heave, roll, pitch or file",
+            ["motion", 0],
+            {"kind": "yaw", "amplitude_deg": 2, "omega": 3},
+            "motion[0].kind: got 'yaw', must be surge, sway, heave, roll, pitch or file in 2D",
+        ),
+        (
+            ["motion", 0],
+            {"kind": "surge", "amplitude": 2},
+            "motion[0].omega: got neither, must be exactly one of omega (rad/s) and period (s)",
+        ),
+        (
+            ["motion", 0],
+            {"kind": "roll", "amplitude_deg": 2, "omega": 3, "period": 2},
+            "motion[0].omega: got both, must be exactly one of omega (rad/s) and period (s)",
+        ),
+        (
+            ["motion", 0],
+            {"kind": "roll", "amplitude_deg": 2, "period": 0},
+            "motion[0].period: got 0, must be at least 0.0001 (s)",
         ),
         (["motion", 0, "kind"], "surg", "motion[0].kind: got 'surg', must be one of surge, sway, heave"),
         (["motion", 0], {"amplitude": 1}, "motion[0].kind: missing"),
@@ -347,8 +365,84 @@ def test_motion_file_must_cover_the_run_and_stay_in_plane(tmp_path):
     ):
         build(motion | {"time": {"end": 3.1}})
     path.write_text(path.read_text() + "4,0,0.1\n")
-    with pytest.raises(InputError, match="column sway must be absent or zero in 2D"):
+    with pytest.raises(InputError, match="one of the columns surge and sway must be absent or zero in 2D"):
         build(motion)
+    path.write_text("time [s],sway [m],roll [deg]\n0,0,0\n1,1,0\n2,0,3\n3,1,0\n")
+    build(motion)
+    path.write_text("time [s],yaw [deg]\n0,0\n1,1\n")
+    with pytest.raises(InputError, match="column yaw must be absent or zero in 2D"):
+        build(motion)
+    row = "({} (({} {} 0) ({} {} 0)))\n"
+    for columns, match in (((0.1, 0, 2, 0), "surge and roll"), ((0, 0.1, 0, 2), "sway and pitch")):
+        path.write_text("(" + "".join(row.format(t, *columns) for t in range(4)) + ")")
+        with pytest.raises(InputError, match=f"one of the columns {match} must be absent"):
+            build(motion)
+
+
+def test_start_must_be_within_the_record_and_the_record_within_the_run(tmp_path):
+    path = tmp_path / "motion.csv"
+    rows = [(k / 10, 0.1 * math.sin(k / 4)) for k in range(21)]
+    path.write_text("time [s],surge [m]\n" + "".join(f"{12.5 + time:.1f},{value:.4f}\n" for time, value in rows))
+
+    def job(**keys):
+        return build({"motion": [{"kind": "file", "path": str(path), **keys}], "time": {"end": 2.0}})
+
+    with pytest.raises(InputError, match=r"motion\[0\].start: missing; .* begins at 12.5 s, after .* start: 12.5"):
+        job()
+    job(start=12.5)
+    for start in (0.0, 12.4, 14.5):
+        with pytest.raises(InputError, match=r"motion\[0\].start: got .* from 12.5 s to before 14.5 s"):
+            job(start=start)
+    with pytest.raises(InputError, match=r"time.end: got 2 s, must be at most 1.9 s, where .* ends"):
+        job(start=12.6)
+    path.write_text("time [s],surge [m]\n" + "".join(f"{1.5 + time:.1f},{value:.4f}\n" for time, value in rows))
+    (warning,) = cautions(job())
+    assert warning.startswith("motion[0].path: the record begins at 1.5 s, and the tank rests until then; start: 1.5")
+
+
+@pytest.mark.parametrize(
+    ("law", "expected"),
+    [
+        ({"kind": "roll", "amplitude_deg": 4, "omega": 270}, ["[0].omega: 270 rad/s", " g at most", "omega: 4.712"]),
+        ({"kind": "roll", "amplitude_deg": 4, "period": 0.023}, ["motion[0].period: 0.023 s", " g at most"]),
+        ({"kind": "surge", "amplitude": 0.02, "omega": 60}, ["[0].omega: 60 rad/s accelerates the tank by 7.34 g"]),
+        ({"kind": "roll", "amplitude_deg": 0.07, "omega": 4.5}, ["motion[0].amplitude_deg: 0.07 deg", "4.01 deg"]),
+        ({"kind": "surge", "amplitude": 20, "omega": 0.5}, ["[0].amplitude: 20 m is more than the tank's longest"]),
+    ],
+)
+def test_motions_that_look_wrong(law, expected):
+    found = " ".join(cautions(build({"motion": [law]})))
+    for part in expected:
+        assert part in found
+
+
+@pytest.mark.parametrize(
+    ("header", "rows", "expected"),
+    [
+        ("surge [m]", [(0, 0), (1, 0), (1.2, 0.05), (5, 0.05), (60, 0.05)], ["swing to a surge of -29.5 m at 39.4 s"]),
+        ("roll [deg]", [(k / 20, 0.07 * math.sin(k / 4)) for k in range(80)], ["[0].path: a roll of 0.07", "4.01"]),
+        ("surge [m]", [(k / 20, 20 * math.sin(k / 4)) for k in range(80)], ["a surge of 20 m is more", " g at most"]),
+        (
+            "surge [m]",
+            [(k / 50, 0.01 * math.sin(k / 9) + 1e-3 * random.Random(k).gauss(0, 1)) for k in range(200)],
+            ["its surge scatters by 0.00099 m from row to row", " g at most"],
+        ),
+    ],
+)
+def test_records_that_look_wrong(tmp_path, header, rows, expected):
+    path = tmp_path / "motion.csv"
+    path.write_text(f"time [s],{header}\n" + "".join(f"{time},{value}\n" for time, value in rows))
+    found = " ".join(cautions(build({"motion": [{"kind": "file", "path": str(path)}], "time": {"end": 2.0}})))
+    for part in expected:
+        assert part in found
+
+
+JOBS = sorted(path for path in (ROOT / "jobs").rglob("*.yaml") if "sweeps" not in path.parts)
+
+
+@pytest.mark.parametrize("path", JOBS, ids=lambda path: str(path.relative_to(ROOT / "jobs")))
+def test_motions_of_the_jobs_here_look_right(path):
+    assert [warning for warning in cautions(load_job(path)) if warning.startswith("motion")] == []
 
 
 @pytest.mark.parametrize(

@@ -35,9 +35,9 @@ def forcing(job):
     reach = float(np.hypot(*job.tank.size[-2:]))
     speeds = {}
     for item in job.motion:
-        if item.kind != "file" and item.omega > 0.0:
+        if item.kind != "file" and item.rate > 0.0:
             size = item.amplitude if hasattr(item, "amplitude") else np.radians(item.amplitude_deg) * reach
-            speeds[item.omega] = max(speeds.get(item.omega, 0.0), abs(size) * item.omega)
+            speeds[item.rate] = max(speeds.get(item.rate, 0.0), abs(size) * item.rate)
     return max(speeds, key=speeds.get, default=None)
 
 
