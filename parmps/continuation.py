@@ -57,6 +57,23 @@ class _Job(BaseModel, extra="allow"):
     probes: list[_Probe]
 
 
+class _Worst(BaseModel, extra="forbid"):
+    stage: str | None
+    time: _Finite | None
+
+
+class _Ledger(BaseModel, extra="forbid"):
+    totals: list[_Finite]
+    least: list[_Finite]
+    gains: list[_Finite]
+    scale: _Finite
+    tension: _Finite
+    gained_most: _Finite
+    volume_most: _Finite
+    volume_time: _Finite
+    worst: _Worst
+
+
 class _Attributes(BaseModel):
     """What is in the header of a checkpoint; who adds more to it looks at it himself."""
 
@@ -66,6 +83,7 @@ class _Attributes(BaseModel):
     results: _Results
     counters: dict[str, StrictInt | StrictFloat]
     left: list[tuple[_Count, tuple[_Finite, _Finite, _Finite], _Count]]
+    ledger: _Ledger
 
 
 class Inputs:

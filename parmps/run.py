@@ -256,6 +256,7 @@ class Run:
             "counters": counters,
             "samples": self.samples.state(),
             "left": [item for part in self.domain.gather(s.left) for item in part],
+            "ledger": s.ledger.state,
         }
         self._on_main(lambda: self.table.sync())
         self._everywhere(self.particle_file.sync)
@@ -290,7 +291,7 @@ class Run:
             counters |= {name: type(counters[name])(0) for name in SUMMED}
             left = []
         self.samples.restore(header.attributes["samples"])
-        s.restore({"counters": counters, "arrays": arrays, "left": left})
+        s.restore({"counters": counters, "arrays": arrays, "left": left, "ledger": header.attributes["ledger"]})
 
     # The loop
 

@@ -64,7 +64,6 @@ COUNTERS = (
     "time",
     "step_number",
     "divergence_time",
-    "ledger_state",
     "initial_energy",
     "initial_potential",
     "energy_scale",
@@ -568,7 +567,7 @@ class Simulation:
         """
         counters = {name: getattr(self, name) for name in COUNTERS}
         arrays = {name: values.copy() for name, values in self.particles.arrays().items()}
-        return {"counters": counters, "arrays": arrays, "left": list(self.left)}
+        return {"counters": counters, "arrays": arrays, "left": list(self.left), "ledger": self.ledger.state}
 
     def restore(self, snapshot):
         """Go back to a snapshot of this rank, or on to the state of a checkpoint.
@@ -576,11 +575,12 @@ class Simulation:
         Parameters
         ----------
         snapshot : dict
-            ``counters``, ``arrays`` of particles, and ``left``: what is to be told of particles that left.
+            ``counters``, ``arrays`` of particles, ``left``: what is to be told of particles that left, and the state
+            of the ``ledger``.
         """
         for name in COUNTERS:
             setattr(self, name, snapshot["counters"][name])
-        self.left = snapshot["left"]
+        self.left, self.ledger.state = snapshot["left"], snapshot["ledger"]
         self.started = True
         self.particles = Particles(snapshot["arrays"])
         self.distribute()
@@ -589,15 +589,6 @@ class Simulation:
         """Free the solvers."""
         for solver in self.solvers:
             solver.close()
-
-    @property
-    def ledger_state(self):
-        """What of the ledger goes on in a restart: dict."""
-        return self.ledger.state
-
-    @ledger_state.setter
-    def ledger_state(self, state):
-        self.ledger.state = state
 
     # Sums over the liquid
 

@@ -65,6 +65,7 @@ def header_of(simulation, **changes):
         "results": RESULTS,
         "counters": counters_of(simulation) | {"time": TIME},
         "left": [[3, [0.1, 0.0, 0.4], 17]],
+        "ledger": simulation.ledger.state,
     }
     arrays = {name: (np.dtype(dtype).str, shape) for name, (dtype, shape) in FIELDS.items()}
     total = simulation.totals["total"]
