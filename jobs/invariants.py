@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from parmps.kernels.walls import wall_distance
+from parmps.kernels.walls import distances
 from parmps.kernels.weight import spline_weight
 from parmps.particles import FLUID
 from parmps.stages import smooth_density
@@ -30,8 +30,10 @@ def broken_state(sim):
         return "not finite"
     if sim.domain.sum(float(p.liquid)) != sim.totals["fluid"]:
         return "particles lost"
-    gaps = [wall_distance(*at, sim.geometry.walls)[0] for at in p.position[: p.liquid][liquid]]
-    if sim.domain.min(float(min(gaps, default=0.0))) < -1e-9 * sim.l0:
+    at, walls = p.position[: p.liquid][liquid], sim.geometry.walls
+    if walls.open_top:
+        at = at[at[:, 2] <= walls.container[1, 2]]  # above the rim there are none
+    if sim.domain.min(float(distances(at, walls)[0].min(initial=0.0))) < -1e-9 * sim.l0:
         return "a particle beyond a wall"
     return None
 
