@@ -11,6 +11,8 @@ starts. What they accept must run, and
   nothing put back from walls;
 - go on from a checkpoint bit for bit;
 - be mirrored by the mirrored job, and be the same on one rank and on three, within 1e-6 spacings after some steps.
+  Not mirrored are the papers' scheme in tanks with baffles, where a dummy in the middle of a plate has the pressure of
+  one of its two faces, and tanks whose particles start at other places when mirrored, as along curved walls.
 """
 
 import argparse
@@ -88,7 +90,9 @@ def examine(scene, directory, cpu_seconds=CPU_SECONDS):
     figures = ""
     try:
         fault, figures = march(sim, scene, cpu_seconds)
-        fault = fault or mirror_fault(scene, path) or restart_fault(path, SHORT * sim.time / sim.step_number)
+        if not (scene.papers and scene.job["tank"]["baffles"]):
+            fault = fault or mirror_fault(scene, path)
+        fault = fault or restart_fault(path, SHORT * sim.time / sim.step_number)
     except ParmpsError as error:
         fault = f"{type(error).__name__}: {error}"
     finally:
@@ -227,10 +231,7 @@ def mirrored(scene):
 
 
 def mirror_fault(scene, path):
-    """Tell how a short run differs from the mirror image of that of the mirrored job.
-
-    Where the particles of the two start at other places, as where a curved hull was packed, they cannot be compared.
-    """
+    """Tell how a short run differs from the mirror image of that of the mirrored job, where both start alike."""
     alone = Domain(MPI.COMM_SELF)
     here, start, l0 = short_run(tight(scene, path), alone)
     there, begun, _ = short_run(tight(scene, path, mirrored(scene)), alone)

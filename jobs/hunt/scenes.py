@@ -12,6 +12,8 @@ ROWS = {2: (8, 20), 3: (6, 10)}
 """Rows of particles over the depth. Coarse is how people start."""
 MOST = {2: 1800, 3: 3500}
 """Particles of liquid at most; the spacing grows until there are no more."""
+LAYER_ROWS = 5
+"""Rows of the thinnest layer in a box, where that takes no more than twice as many particles."""
 SETTINGS = {
     "radius": (1.6, 3.1),
     "laplacian_radius": (1.6, 3.1),
@@ -144,6 +146,10 @@ def make_scene(seed):
     scheme = _scheme(rng)
     papers = scheme == "papers" or (isinstance(scheme, dict) and scheme.get("preset") == "papers")
     fluids = _fluids(rng, count, fill, papers)
+    if tank["shape"] == "box" and count > 1:  # the rows of each layer must fit its depth within a tenth
+        finest = (volume / (2 * MOST[dimension])) ** (1.0 / dimension)
+        thinnest = min(fluid["fill"] for fluid in fluids) * size[-1]
+        spacing = _round(min(spacing, max(thinnest / LAYER_ROWS, finest)))
     gravity = float(rng.choice([9.81, 1.62, 0.0], p=[0.9, 0.05, 0.05]))
     rate = math.sqrt(max(gravity, 1.0) / size[0])
     motion = [] if rng.random() < 0.35 else [_law(rng, dimension, size, rate) for _ in range(rng.integers(1, 3))]
