@@ -193,7 +193,7 @@ def tight(scene, path, data=None):
     """The job of a scene, or other data in its place, with the tight tolerance."""
     data = copy.deepcopy(data or scene.job)
     scheme = data["scheme"] if isinstance(data["scheme"], dict) else {"preset": data["scheme"]}
-    data["scheme"] = scheme | {"ksp_rtol": TIGHT}
+    data |= {"scheme": scheme | {"ksp_rtol": TIGHT}, "probes": []}  # which may lie in a mirrored baffle
     return parse_job(scene._replace(job=data).text, file=path)
 
 
