@@ -66,8 +66,8 @@ def test_a_restart_that_has_no_step_to_take(tmp_path):
 def test_pressures_that_are_known_are_exact(start):
     """Walls in the papers' free surface have none. The solver's error there put dummies behind them under pressure.
 
-    It was of either sign, by the number of ranks: a liquid with three layers in a prism then differed by 0.016
-    spacings after 0.08 s.
+    It was of either sign, by the number of ranks: three layers in a prism then were 1.7e-4 spacings apart on one and
+    three ranks after 0.08 s.
     """
     sim = start(JOB, "scheme=papers", SHAKEN)
     for _ in range(5):
