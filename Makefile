@@ -11,7 +11,7 @@ export OPENBLAS_NUM_THREADS := 1
 export OMPI_ALLOW_RUN_AS_ROOT := 1
 export OMPI_ALLOW_RUN_AS_ROOT_CONFIRM := 1
 
-.PHONY: help setup setup-test run test lint bench extremes validate validate3d trade
+.PHONY: help setup setup-test run test lint bench extremes hunt validate validate3d trade
 
 help:
 	@echo "make run        run jobs/sloshing.yaml on 2 ranks"
@@ -19,6 +19,7 @@ help:
 	@echo "make lint       check the code's style"
 	@echo "make bench      measure the speed (jobs/benchmarks)"
 	@echo "make extremes   find out where it breaks (jobs/extremes)"
+	@echo "make hunt       run random scenes against what must always hold (jobs/hunt)"
 	@echo "make validate   compare with experiments and theory (jobs/validation)"
 	@echo "make validate3d the same in 3D, at the default preset: almost three hours of one core"
 	@echo "make trade      measure what accuracy costs, by setting (jobs/validation/trade.*)"
@@ -54,3 +55,6 @@ trade: setup
 
 extremes: setup
 	$(python) jobs/extremes/run.py
+
+hunt: setup-test
+	$(python) jobs/hunt/run.py

@@ -50,7 +50,8 @@ class Scheme(Section):
     )
     gradient: Literal["corrected", "sum", "min"] = setting(
         "pressure gradient: P_j - P_i with the inverse moment matrix (corrected; Duan 2018), "
-        "P_j + P_i (sum; [002] eq. 5, [004] eq. 5) or P_j - P_min (min; [000] eq. 8)",
+        "P_j + P_i (sum; [002] eq. 5, [004] eq. 5) or P_j - P_min (min; [000] eq. 8); corrected goes with position "
+        "start and surface ghost alone, sum with position moved: liquid at rest gains energy otherwise",
         default="corrected",
     )
     position: Literal["start", "moved"] = setting(

@@ -12,6 +12,7 @@ from parmps.interfaces import Links, Near
 from parmps.kernels.shifting import keep_off_walls
 from parmps.kernels.smoothing import smooth_mass_density
 from parmps.kernels.velocity import body_force, greatest_speed
+from parmps.kernels.walls import distances
 from parmps.kernels.weight import lattice
 from parmps.liquids import Liquids
 from parmps.motion import Motion
@@ -431,11 +432,11 @@ class Simulation:
         self.put_back += keep_off_walls(p.position, p.velocity, p.kind, walls, least, p.liquid, *account)
         if not walls.open_top:
             return
-        at = p.position[: p.liquid]
-        above = at[:, 2] > walls.container[1, 2]
-        outside = (at < walls.container[0]) | (at > walls.container[1])
-        beside = np.any(outside, axis=1, where=[True, self.dimension == 3, False])
-        for i in np.flatnonzero(above & beside & (p.kind[: p.liquid] == FLUID)):
+        above = (p.position[: p.liquid, 2] > walls.container[1, 2]) & (p.kind[: p.liquid] == FLUID)
+        index = np.flatnonzero(above)
+        # the rim is where the tank's walls end, chamfers included
+        at = np.column_stack([p.position[index, :2], np.full(len(index), walls.container[1, 2])])
+        for i in index[distances(at, walls._replace(solids=walls.solids[:0]))[0] < 0.0]:
             p.kind[i] = OUT
             mass = float(self.particle_mass[p.fluid[i]])
             self.ledger.book("left", -0.5 * mass * float(p.velocity[i] @ p.velocity[i]))

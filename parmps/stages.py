@@ -3,8 +3,8 @@
 Each stage is a function of the simulation; the plan reads from top to bottom as the method does. With the
 pressure solved at the step's start (the default), ``solve`` brings the pressure of time t^n and ``move`` the
 step to t^(n+1): v^(n+1) = v^n + dt (f - grad P / rho), r^(n+1) = r^n + dt v^(n+1), the symplectic Euler method
-([002] eqs. 15 to 18). The papers' scheme ([004]) moves first, and all its stages but the first search for neighbours
-are in ``move``.
+([002] eqs. 15 to 18). The papers' scheme ([004]) moves first; its ``solve`` finds what results need besides the last
+pressure: neighbours, smoothed densities and the free surface of the places at t^n.
 """
 
 import math
@@ -167,20 +167,22 @@ def make_plan(job, ranks):
             add_surface_tension,
             "no surface tension",
         )
-        projection = [
+        found = [
             *halo,
             *search,
             *smoothing,
             Stage("density", "density error and free surface", measure_density),
+        ]
+        projection = [
+            *found,
             *matrices,
             Stage("divergence", "source of the pressure equation", measure_divergence),
             Stage("pressure", "incompressibility", solve_pressure),
         ]
         return Plan(
             projection,
-            [*halo, *search],
+            found,
             [
-                *(smoothing if tension else []),
                 Stage("body force", "gravity and the tank's motion", add_body_force_to_liquid),
                 *viscosity,
                 *tension,
@@ -330,9 +332,7 @@ def refresh_halo(sim):
     """
     p = sim.particles
     if sim.domain.halo_is_stale(p, sim.halo_reach):
-        surface = sim.work.surface[: p.owned]
         sim.rebuild_halo()
-        sim.work.surface[: p.owned] = surface  # which the papers' scheme measures after results are written
     else:
         sim.domain.exchange(p.position, p.velocity, p.acceleration, p.pressure, p.separated)
 
@@ -770,7 +770,12 @@ def solve_pressure(sim):
             density.spread(w.surface, *sim.pairs.lists, p.rows, held)
         sim.floating = floating_components(sim.domain, sim.row, sim.column, blocks, held)
     sim.floating.fix(sim.domain, blocks, w.rhs, p.pressure[: p.rows])
-    p.pressure[: p.rows] = sim.solver.solve(blocks, w.rhs, p.pressure[: p.rows])
+    pressure = sim.solver.solve(blocks, w.rhs, p.pressure[: p.rows])
+    # Rows without links are known exactly: 0 in the papers' surface and of dry walls. What the solver leaves of its
+    # error there would look like the pressure of wet walls, by its sign and by the number of ranks.
+    alone = np.flatnonzero(np.diff(blocks.first) + np.diff(blocks.halo_first) == 1)
+    pressure[alone] = w.rhs[alone] / blocks.values[blocks.first[alone]]
+    p.pressure[: p.rows] = pressure
     sim.floating.level(sim.domain, p.pressure[: p.rows])
     poisson.release_surface(w.surface, w.above, p.liquid, p.pressure)
 

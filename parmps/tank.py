@@ -766,7 +766,10 @@ def standing_wave(job):
     """
     initial = job.initial
     k = initial.mode * np.pi / job.tank.length
-    omega2, shape = waves.modes(waves.layers_of(job), k)
+    layers = waves.layers_of(job)
+    if layers.free == 0:
+        raise InputError("initial.kind", "a standing wave needs a boundary that moves; one liquid fills the tank")
+    omega2, shape = waves.modes(layers, k)
     if initial.branch > len(omega2):
         most = len(omega2)
         raise InputError("initial.branch", f"got {initial.branch}, must be at most {most}, the boundaries that move")

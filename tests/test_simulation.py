@@ -318,6 +318,20 @@ def test_liquid_that_flies_over_the_rim_has_left(start):
     assert np.count_nonzero(sim.particles.kind == OUT) == 1
 
 
+def test_the_rim_of_a_tank_with_chamfers_is_its_opening(start):
+    """Liquid beside it has left; it was put back through the chamfer when it fell below the rim."""
+    sim = start(
+        "dimension: 2\nspacing: 0.02\ntank: {shape: prism, size: [0.4, 0.2], chamfer: {top: [0.1, 0.1]}, lid: false, "
+        "baffles: [{x: 0.2, bottom: 0.0, top: 0.2, thickness: 0.02}]}\nfluids: [{name: a, depth: 0.08}]\n"
+        "time: {end: 1.0}\n"
+    )
+    sim.step(1.0)
+    p = sim.particles
+    p.position[:3] = [[0.05, 0.0, 0.21], [0.15, 0.0, 0.21], [0.2, 0.0, 0.21]]  # beside it, over it, over the baffle
+    sim.keep_inside()
+    assert p.kind[:3].tolist() == [OUT, FLUID, FLUID] and len(sim.left) == 1
+
+
 @pytest.mark.parametrize("motion", ["[]", "[{kind: surge, amplitude: 0.02, omega: 6.469}]"])
 def test_papers_scheme_survives(start, motion):
     """At rest, and after a start with a jolt of 0.13 m/s."""
