@@ -89,7 +89,7 @@ class Scheme(Section):
         "longest relaxation time of the volume error, measured with a wide smooth weight, by the tank's longest side L "
         "and the body force f (position start); shorter in fast flow; null: none",
         "sqrt(L / f)",
-        1.5,
+        2.0,
     )
     volume_radius: Number = setting(
         "reach of the smooth weight that measures the volume error", "l0", 3.1, ge=2.6, le=5
