@@ -330,7 +330,7 @@ def measure_density(sim):
     p, s, w = sim.particles, sim.scheme, sim.work
     has_surface = "surface" in sim.seconds if s.position == "start" else not sim.job.full
     if has_surface and s.position == "start":
-        density.wet_walls(p.position, p.normal, *sim.pairs.wet, sim.strength, sim.l0, p.liquid, p.rows, w.wet)
+        density.wet_walls(p.position, p.normal, p.depth, *sim.pairs.wet, sim.l0, p.liquid, p.rows, w.wet)
         sim.domain.exchange(w.wet)
     density.moments(
         p.position,
@@ -790,6 +790,8 @@ def pressure_gradient(sim):
             p.acceleration,
             *sharp(sim, sim.fluid, sim.liquids.volume, sim.liquids.tension, w.bend),
             w.above,
+            w.force,
+            sim.liquids.reference,
         )
     else:
         extrapolate_to_dummies(sim)

@@ -18,7 +18,7 @@ from parmps.wall_layers import place_walls
 
 FLUID_CLEARANCE = 0.75  # least distance of the liquid from a baffle, in spacings, where walls are on the wall line
 FITS = 0.1  # a cell of which a baffle leaves less, or takes less, is none or whole
-BESIDE = 1.5  # in spacings; how far from a baffle that cuts the lattice the liquid is evened out
+BESIDE = 3.5  # in spacings; how far from a baffle that cuts the lattice the liquid is evened out
 SCATTER = (0.8191725, 0.6710436, 0.5497005)  # powers of the root of x^4 = x + 1: even in any stretch (Roberts 2018)
 COINCIDENT = 0.1  # in spacings; two particles nearer than this push each other apart violently
 CHUNK = 2**20  # lattice points handled at once
@@ -404,7 +404,7 @@ def _even_out_beside_baffles(job, geometry, walls):
         return gap, normal[:, axes]
 
     layered = np.array([each.region is None for each in job.fluids])[fluid]
-    beside = (gap < BESIDE * l0) & (cKDTree(cut).query(position)[0] < 2.0 * l0)
+    beside = (gap < BESIDE * l0) & (cKDTree(cut).query(position)[0] < (BESIDE + 0.5) * l0)
     low, high = np.zeros(len(site)), np.zeros(len(site))
     for number in np.unique(fluid):  # the surface of a layer stays where it is
         low[fluid == number] = position[fluid == number, 2].min()

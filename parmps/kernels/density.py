@@ -10,21 +10,22 @@ from parmps.kernels.weight import smooth_weight, spline_weight
 
 
 @compiled
-def wet_walls(position, normal, first, last, other, strength, l0, begin, end, wet):
-    """Tell how far walls are under the surface: dry ones have all of their liquid on one side, and none near.
+def wet_walls(position, normal, depth, first, last, other, l0, begin, end, wet):
+    """Tell how far walls are under the surface: those are wet whose mirror images lie in the liquid.
 
-    A wall particle in line with the surface row has one of its particles a spacing away, one above it has none nearer
-    than 1.4 spacings. Neither have those of a corner under water, but their liquid is in front of them.
+    What counts is a bell of 1.1 spacings around the image, which is no further from the wall than half a spacing. On
+    the lattice its sum is 1 and more up to the height of the surface row, 0.6 at the surface half a spacing above it,
+    and 0 a spacing above it, however the wall leans.
 
     Parameters
     ----------
     position : (n, 3) float64, m
     normal : (n, 3) float64
         Of walls, into the liquid.
+    depth : (n,) float64, m
+        Of walls below their surface.
     first, last, other
         Neighbour lists.
-    strength : (pairs,) float32, 1/m2
-        W / r_ij^2, as made by `strengths`.
     l0 : float
         Spacing, m.
     begin, end : int
@@ -32,24 +33,19 @@ def wet_walls(position, normal, first, last, other, strength, l0, begin, end, we
     wet : (n,) float64
         Filled for these: from 0, dry, to 1, wet.
     """
+    scale = 1.0 / (1.1 * l0) ** 2
     for i in range(begin, end):
-        x, y, z = position[i, 0], position[i, 1], position[i, 2]
-        n = tx = ty = tz = 0.0
-        nearest = math.inf
+        away = depth[i] + min(depth[i], 0.5 * l0)
+        x = position[i, 0] + away * normal[i, 0]
+        y = position[i, 1] + away * normal[i, 1]
+        z = position[i, 2] + away * normal[i, 2]
+        total = 0.0
         for k in range(first[i], last[i]):
-            j, s = other[k], strength[k]
+            j = other[k]
             dx, dy, dz = position[j, 0] - x, position[j, 1] - y, position[j, 2] - z
-            r = math.sqrt(dx * dx + dy * dy + dz * dz)
-            nearest = min(nearest, r)
-            s *= r
-            n += s * r
-            front = dx * normal[i, 0] + dy * normal[i, 1] + dz * normal[i, 2]
-            tx += s * (dx - front * normal[i, 0])
-            ty += s * (dy - front * normal[i, 1])
-            tz += s * (dz - front * normal[i, 2])
-        share = math.sqrt(tx * tx + ty * ty + tz * tz) / max(n, 1e-300)
-        found = max((0.55 - share) / 0.25, (1.35 - nearest / l0) / 0.25)
-        wet[i] = min(max(found, 0.0), 1.0) if n > 0.0 else 0.0
+            bell = max(1.0 - scale * (dx * dx + dy * dy + dz * dz), 0.0)
+            total += bell * bell
+        wet[i] = min(max((total - 0.3) / 0.6, 0.0), 1.0)
 
 
 @compiled
