@@ -22,7 +22,7 @@ LARGEST = 0.1
 """Way of a particle in one step, in spacings."""
 BAND = 4.0
 """Distance from the walls beyond which the lattice is kept, in spacings."""
-CLEARANCE = {"half": 0.3, "line": 0.8, "interface": 0.4}
+CLEARANCE = {"half": 0.4, "line": 0.8, "interface": 0.4}
 """Least distance from a wall or from an interface, in spacings."""
 
 

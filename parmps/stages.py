@@ -351,6 +351,9 @@ def measure_density(sim):
             # low where the surface must be whole; beside cavities of violent flow it would put zero pressure inside
             threshold = (0.7 if sim.liquids.surface_tension is None else 0.3) * sim.lattice.asymmetry
             density.mark_uncovered(p.position, w.wet, w.asymmetry, threshold, *sim.pairs.wet, p.liquid, w.surface)
+            density.unmark_corners(
+                p.position, p.kind, w.asymmetry, *sim.pairs.wet, sim.geometry.walls, sim.l0, p.liquid, w.surface
+            )
         if s.position == "moved":  # the papers' wall particles can be in the surface, and then have no pressure
             density.mark_dry(p.kind, *sim.pairs.lists, p.liquid, p.rows, w.surface)
     sim.domain.exchange(w.asymmetry, w.surface)

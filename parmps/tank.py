@@ -409,16 +409,21 @@ def _even_out_beside_baffles(job, geometry, walls):
     for number in np.unique(fluid):  # the surface of a layer stays where it is
         low[fluid == number] = position[fluid == number, 2].min()
         high[fluid == number] = position[fluid == number, 2].max()
-    for _ in range(2):  # in a corner there are two walls
+    began = position.copy()
+    for _ in range(20):  # in a corner, one wall after the other
         off, normal = distances(position[beside], geometry.walls)
         position[beside] += np.maximum(clearance - off, 0.0)[:, None] * normal
-    moves = beside & layered
+    lost = np.zeros(len(site), bool)
+    lost[beside] = distances(position[beside], geometry.walls)[0] < 0.9 * clearance
+    lost |= np.linalg.norm(position - began, axis=1) > l0
+    fluid[lost] = -1
+    moves = beside & layered & ~lost
     if moves.any():
         around = walls[cKDTree(position[moves]).query(walls)[0] < reach]
         # the faces of a thin plate have their wall particles in one place
         double = cKDTree(around).query_pairs(0.5 * l0, output_type="ndarray")[:, 1]
         around = np.delete(around, np.unique(double), axis=0)
-        fixed = np.concatenate([position[~moves], around])[:, axes]
+        fixed = np.concatenate([position[~moves & ~lost], around])[:, axes]
         bounds = low[moves], high[moves]
         position[np.ix_(moves, axes)] = pack(position[moves][:, axes], fixed, l0, distance, clearance, *bounds)
     return Moved(site[beside], position[beside], fluid[beside])

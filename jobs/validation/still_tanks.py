@@ -14,6 +14,8 @@ from pathlib import Path
 
 import numpy as np
 import yaml
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
@@ -158,14 +160,22 @@ def measure(job, every, end=END):
 
 
 def pressure_error(sim, depth):
-    """Error of the liquid's pressure over that at the bottom; parts without a free surface have no known level."""
+    """Error of the liquid's pressure over that at the bottom.
+
+    In compartments that do not reach up to the surface the level of the pressure is that of the compartment alone.
+    """
     p = sim.particles
     head = p.pressure[: p.liquid] / (1000.0 * G) + p.position[: p.liquid, 2] - depth
-    label = np.full(p.rows, -1)
-    label[sim.floating._rows] = sim.floating._label
-    for part in range(sim.floating.count):
-        here = label[: p.liquid] == part
-        if here.any():
+    first, last, other = sim.pairs.wet
+    count = last[: p.liquid].astype(np.int64) - first[: p.liquid]
+    i = np.repeat(np.arange(p.liquid), count)
+    j = np.concatenate([other[a:b] for a, b in zip(first[: p.liquid], last[: p.liquid], strict=False)])
+    among = j < p.liquid
+    graph = coo_matrix((np.ones(among.sum()), (i[among], j[among])), (p.liquid, p.liquid))
+    parts, label = connected_components(graph, directed=False)
+    for part in range(parts):
+        here = label == part
+        if p.position[: p.liquid][here, 2].max() < depth - sim.l0 or sim.job.full:
             head[here] -= np.median(head[here])
     return head / depth
 
