@@ -53,6 +53,8 @@ VOLUME_MOST = 0.5
 RESIDUAL_DAMPING = 2.0
 """Damping of a velocity difference that no linear field explains, per (difference) dt / l0."""
 
+WALL_ROOM = 0.4
+"""Distance from a wall, in spacings, from which on shifting brings particles no nearer."""
 
 MOST_OVERDENSITY = 0.2
 """Density above the allowed one, over n0, beyond which particles are pushed apart no harder: a pile that goes apart
@@ -826,6 +828,17 @@ def move(sim):
     if w.near_interface is not None:
         beyond = w.near_interface.beyond
         limit_shifting(sim)
+    share = min(s.shifting * (sim.grid_number + 1.5 * sim.courant), 0.2)
+    shifting.spare_walls(
+        p.position,
+        w.asymmetry,
+        p.kind,
+        *sim.pairs.wet,
+        sim.geometry.walls,
+        WALL_ROOM * sim.l0,
+        share * sim.l0,
+        p.liquid,
+    )
     shifting.move(
         p.position,
         p.velocity,
@@ -838,7 +851,7 @@ def move(sim):
         sim.l0,
         sim.surface_lean,
         sim.surface_distance,
-        min(s.shifting * (sim.grid_number + 1.5 * sim.courant), 0.2),
+        share,
         sim.dt,
         p.liquid,
         beyond,

@@ -9,7 +9,7 @@ from parmps.kernels.compiled import added_together, compiled
 from parmps.kernels.walls import wall_distance
 from parmps.kernels.weight import smooth_weight, spline_weight
 
-ROOM, APART = 0.4, 0.6
+ROOM, APART = 0.4, 0.7
 """Least distances, in spacings, of another particle from a wall and from its neighbour, where there is room for it."""
 
 
@@ -428,7 +428,14 @@ def unmark_corners(position, kind, asymmetry, first, last, other, walls, l0, row
             d, nx, ny, nz = wall_distance(px, py, pz, walls)
             off = max(ROOM * l0 - d, 0.0)
             px, py, pz = px + off * nx, py + off * ny, pz + off * nz
-        if (px - x) ** 2 + (py - y) ** 2 + (pz - z) ** 2 < (APART * l0) ** 2:
+        nearest = (px - x) ** 2 + (py - y) ** 2 + (pz - z) ** 2
+        for k in range(first[i], last[i]):
+            j = other[k]
+            if kind[j] != 0:
+                break
+            dx, dy, dz = position[j, 0] - px, position[j, 1] - py, position[j, 2] - pz
+            nearest = min(nearest, dx * dx + dy * dy + dz * dz)
+        if nearest < (APART * l0) ** 2:
             surface[i] = 0
 
 
