@@ -332,7 +332,8 @@ def measure_density(sim):
     p, s, w = sim.particles, sim.scheme, sim.work
     has_surface = "surface" in sim.seconds if s.position == "start" else not sim.job.full
     if has_surface and s.position == "start":
-        density.wet_walls(p.position, p.normal, p.depth, *sim.pairs.wet, sim.l0, p.liquid, p.rows, w.wet)
+        walls = (p.position, p.normal, p.depth)
+        density.wet_walls(*walls, *sim.pairs.wet, sim.l0, sim.dimension, p.liquid, p.rows, w.wet)
         sim.domain.exchange(w.wet)
     density.moments(
         p.position,

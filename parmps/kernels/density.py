@@ -14,12 +14,13 @@ ROOM, APART = 0.4, 0.7
 
 
 @compiled
-def wet_walls(position, normal, depth, first, last, other, l0, begin, end, wet):
-    """Tell how far walls are under the surface: those are wet whose mirror images lie in the liquid.
+def wet_walls(position, normal, depth, first, last, other, l0, dimension, begin, end, wet):
+    """Tell how far walls are under the surface: those are wet that have liquid at their mirror images or their surface.
 
-    What counts is a bell of 1.1 spacings around the image, which is no further from the wall than half a spacing. On
-    the lattice its sum is 1 and more up to the height of the surface row, 0.6 at the surface half a spacing above it,
-    and 0 a spacing above it, however the wall leans.
+    What counts are bells of 1.1 spacings around the image, which is no further from the wall than half a spacing, and
+    of 1.5 around the point of the wall's surface, over their sums on the lattice. Both are whole up to the height of
+    the surface row, half of that at the surface half a spacing above it, and nothing a spacing above it, however the
+    wall leans. In a corner of the liquid the image tells, at an edge of a baffle the surface.
 
     Parameters
     ----------
@@ -32,24 +33,28 @@ def wet_walls(position, normal, depth, first, last, other, l0, begin, end, wet):
         Neighbour lists.
     l0 : float
         Spacing, m.
+    dimension : int
     begin, end : int
         Range of the wall particles.
     wet : (n,) float64
         Filled for these: from 0, dry, to 1, wet.
     """
-    scale = 1.0 / (1.1 * l0) ** 2
+    narrow, wide = 1.0 / (1.1 * l0) ** 2, 1.0 / (1.5 * l0) ** 2
+    whole = 1.0 if dimension == 2 else 1.8
     for i in range(begin, end):
-        away = depth[i] + min(depth[i], 0.5 * l0)
-        x = position[i, 0] + away * normal[i, 0]
-        y = position[i, 1] + away * normal[i, 1]
-        z = position[i, 2] + away * normal[i, 2]
-        total = 0.0
+        nx, ny, nz = normal[i, 0], normal[i, 1], normal[i, 2]
+        sx, sy, sz = position[i, 0] + depth[i] * nx, position[i, 1] + depth[i] * ny, position[i, 2] + depth[i] * nz
+        further = min(depth[i], 0.5 * l0)
+        at_image = at_surface = 0.0
         for k in range(first[i], last[i]):
             j = other[k]
-            dx, dy, dz = position[j, 0] - x, position[j, 1] - y, position[j, 2] - z
-            bell = max(1.0 - scale * (dx * dx + dy * dy + dz * dz), 0.0)
-            total += bell * bell
-        wet[i] = min(max((total - 0.3) / 0.6, 0.0), 1.0)
+            dx, dy, dz = position[j, 0] - sx, position[j, 1] - sy, position[j, 2] - sz
+            bell = max(1.0 - wide * (dx * dx + dy * dy + dz * dz), 0.0)
+            at_surface += bell * bell
+            dx, dy, dz = dx - further * nx, dy - further * ny, dz - further * nz
+            bell = max(1.0 - narrow * (dx * dx + dy * dy + dz * dz), 0.0)
+            at_image += bell * bell
+        wet[i] = min(max((at_image - 0.3) / 0.6, (at_surface / whole - 0.3) / 0.6, 0.0), 1.0)
 
 
 @compiled
