@@ -93,9 +93,9 @@ def arrange(hull, axes, layer_rows, levels, spacing, inset, layers):
         here = np.flatnonzero((row >= first) & (row < last))
         if inset:
             height = (bounds[k + 1] - bounds[k]) / (rows[k + 1] - rows[k])
-            low_z, high_z = (bounds[k] + (at - rows[k]) * height for at in (first, last))
             cell = height * np.prod([axis.step for axis in axes[:-1]])
-            count = round((hull.content_below(high_z) - hull.content_below(low_z)) / cell)
+            below = hull.content_below(bounds[k] + (last - rows[k]) * height) - hull.content_below(bounds[k])
+            count = round(below / cell) - sum(len(block) for block, of in zip(chosen, layer, strict=True) if of[0] == k)
         else:  # the liquid keeps a spacing from the wall
             count = np.count_nonzero(gap[here] > (0.5 + ROUNDING) * spacing)
         kept = here[np.lexsort((turn[here], -np.rint(gap[here] / (1e-3 * spacing))))[:count]]

@@ -332,8 +332,7 @@ def measure_density(sim):
     p, s, w = sim.particles, sim.scheme, sim.work
     has_surface = "surface" in sim.seconds if s.position == "start" else not sim.job.full
     if has_surface and s.position == "start":
-        walls = (p.position, p.normal, p.depth)
-        density.wet_walls(*walls, *sim.pairs.wet, sim.l0, sim.dimension, p.liquid, p.rows, w.wet)
+        density.wet_walls(p.position, p.normal, *sim.pairs.wet, sim.strength, sim.l0, p.liquid, p.rows, w.wet)
         sim.domain.exchange(w.wet)
     density.moments(
         p.position,

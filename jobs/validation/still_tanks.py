@@ -181,6 +181,7 @@ def pressure_error(sim, depth):
 
 
 def main():
+    """Run the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--count", type=int, default=60)
@@ -200,7 +201,8 @@ def main():
                 bad += not fine
                 shape, fill = job["tank"]["shape"], job["fluids"][0]["fill"]
                 mark = "" if fine else "  <--"
-                print(f"{seed:3d} {shape:8s} {job['dimension']}D {100 * fill:3.0f} %  {every:5g} s {found}{mark}", flush=True)
+                tank = f"{seed:3d} {shape:8s} {job['dimension']}D {100 * fill:3.0f} %"
+                print(f"{tank}  {every:5g} s {found}{mark}", flush=True)
     print(f"{bad} fail")
 
 

@@ -14,47 +14,46 @@ ROOM, APART = 0.4, 0.7
 
 
 @compiled
-def wet_walls(position, normal, depth, first, last, other, l0, dimension, begin, end, wet):
-    """Tell how far walls are under the surface: those are wet that have liquid at their mirror images or their surface.
+def wet_walls(position, normal, first, last, other, strength, l0, begin, end, wet):
+    """Tell how far walls are under the surface: dry ones have all of their liquid on one side, and none near.
 
-    What counts are bells of 1.1 spacings around the image, which is no further from the wall than half a spacing, and
-    of 1.5 around the point of the wall's surface, over their sums on the lattice. Both are whole up to the height of
-    the surface row, half of that at the surface half a spacing above it, and nothing a spacing above it, however the
-    wall leans. In a corner of the liquid the image tells, at an edge of a baffle the surface.
+    A wall particle in line with the surface row has one of its particles a spacing away, one above it has none nearer
+    than 1.4 spacings. Neither have those of a corner under water, but their liquid is in front of them.
 
     Parameters
     ----------
     position : (n, 3) float64, m
     normal : (n, 3) float64
         Of walls, into the liquid.
-    depth : (n,) float64, m
-        Of walls below their surface.
     first, last, other
         Neighbour lists.
+    strength : (pairs,) float32, 1/m2
+        W / r_ij^2, as made by `strengths`.
     l0 : float
         Spacing, m.
-    dimension : int
     begin, end : int
         Range of the wall particles.
     wet : (n,) float64
         Filled for these: from 0, dry, to 1, wet.
     """
-    narrow, wide = 1.0 / (1.1 * l0) ** 2, 1.0 / (1.5 * l0) ** 2
-    whole = 1.0 if dimension == 2 else 1.8
     for i in range(begin, end):
-        nx, ny, nz = normal[i, 0], normal[i, 1], normal[i, 2]
-        sx, sy, sz = position[i, 0] + depth[i] * nx, position[i, 1] + depth[i] * ny, position[i, 2] + depth[i] * nz
-        further = min(depth[i], 0.5 * l0)
-        at_image = at_surface = 0.0
+        x, y, z = position[i, 0], position[i, 1], position[i, 2]
+        n = tx = ty = tz = 0.0
+        nearest = math.inf
         for k in range(first[i], last[i]):
-            j = other[k]
-            dx, dy, dz = position[j, 0] - sx, position[j, 1] - sy, position[j, 2] - sz
-            bell = max(1.0 - wide * (dx * dx + dy * dy + dz * dz), 0.0)
-            at_surface += bell * bell
-            dx, dy, dz = dx - further * nx, dy - further * ny, dz - further * nz
-            bell = max(1.0 - narrow * (dx * dx + dy * dy + dz * dz), 0.0)
-            at_image += bell * bell
-        wet[i] = min(max((at_image - 0.3) / 0.6, (at_surface / whole - 0.3) / 0.6, 0.0), 1.0)
+            j, s = other[k], strength[k]
+            dx, dy, dz = position[j, 0] - x, position[j, 1] - y, position[j, 2] - z
+            r = math.sqrt(dx * dx + dy * dy + dz * dz)
+            nearest = min(nearest, r)
+            s *= r
+            n += s * r
+            front = dx * normal[i, 0] + dy * normal[i, 1] + dz * normal[i, 2]
+            tx += s * (dx - front * normal[i, 0])
+            ty += s * (dy - front * normal[i, 1])
+            tz += s * (dz - front * normal[i, 2])
+        share = math.sqrt(tx * tx + ty * ty + tz * tz) / max(n, 1e-300)
+        found = max((0.55 - share) / 0.25, (1.35 - nearest / l0) / 0.25)
+        wet[i] = min(max(found, 0.0), 1.0) if n > 0.0 else 0.0
 
 
 @compiled
