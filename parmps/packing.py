@@ -23,7 +23,7 @@ LARGEST = 0.1
 """Way of a particle in one step, in spacings."""
 BAND = 4.0
 """Distance from the walls beyond which the lattice is kept, in spacings."""
-CLEARANCE = {"half": 0.3, "line": 0.8, "interface": 0.4}
+CLEARANCE = {"half": 0.4, "line": 0.8, "interface": 0.4}
 """Least distance from a wall or from an interface, in spacings."""
 
 
@@ -90,13 +90,13 @@ def arrange(hull, axes, layer_rows, levels, spacing, inset, layers):
     content = np.diff([hull.content_below(level) for level in bounds])
     heights = axes[-1].points
     chosen, layer, low, high = [], [], [], []
-    for k, (first, last) in enumerate(zip(rows[:-1], rows[1:], strict=True)):
-        if first >= last:
-            continue
+    for k, first, last in _blocks(rows):
         here = np.flatnonzero((row >= first) & (row < last))
         if inset:
-            cell = (bounds[k + 1] - bounds[k]) / (last - first) * np.prod([axis.step for axis in axes[:-1]])
-            count = round(content[k] / cell)
+            height = (bounds[k + 1] - bounds[k]) / (rows[k + 1] - rows[k])
+            cell = height * np.prod([axis.step for axis in axes[:-1]])
+            below = hull.content_below(bounds[k] + (last - rows[k]) * height) - hull.content_below(bounds[k])
+            count = round(below / cell) - sum(len(block) for block, of in zip(chosen, layer, strict=True) if of[0] == k)
         else:  # the liquid keeps a spacing from the wall
             count = np.count_nonzero(gap[here] > (0.5 + ROUNDING) * spacing)
         kept = here[np.lexsort((turn[here], -np.rint(gap[here] / (1e-3 * spacing))))[:count]]
@@ -112,6 +112,26 @@ def arrange(hull, axes, layer_rows, levels, spacing, inset, layers):
     points[moves] = pack(points[moves], fixed, spacing, hull.distance, clearance, low[moves], high[moves])
     order = np.argsort(points[:, 0], kind="stable")
     return Arrangement(points[order], layer[order], content, shells, parents)
+
+
+def _blocks(rows):
+    """Rows that are filled together: those of each layer, but for the ones beside another layer, which stay level.
+
+    Where rows may leave their level, the surface begins with waves of a spacing or two.
+
+    Parameters
+    ----------
+    rows : sequence of int
+        First row of each layer, and the end of the last.
+
+    Yields
+    ------
+    layer, first, last : int
+    """
+    for k, (first, last) in enumerate(zip(rows[:-1], rows[1:], strict=True)):
+        inner = [first + (first > rows[0]), last - (last < rows[-1])]
+        cuts = sorted({first, last, *(cut for cut in inner if first <= cut <= last)})
+        yield from ((k, *block) for block in zip(cuts[:-1], cuts[1:], strict=True))
 
 
 def _turn(shape):

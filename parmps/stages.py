@@ -61,6 +61,8 @@ VOLUME_MOST = 0.5
 RESIDUAL_DAMPING = 2.0
 """Damping of a velocity difference that no linear field explains, per (difference) dt / l0."""
 
+WALL_ROOM = 0.4
+"""Distance from a wall, in spacings, from which on shifting brings particles no nearer."""
 
 MOST_OVERDENSITY = 0.2
 """Density above the allowed one, over n0, beyond which particles are pushed apart no harder: a pile that goes apart
@@ -372,6 +374,9 @@ def measure_density(sim):
             threshold = (0.7 if sim.liquids.surface_tension is None else 0.3) * sim.lattice.asymmetry
             around = (p.position, p.normal, w.wet, w.asymmetry)
             density.mark_uncovered(*around, threshold, *sim.pairs.wet, p.liquid, w.surface)
+            density.unmark_corners(
+                p.position, p.kind, w.asymmetry, *sim.pairs.wet, sim.geometry.walls, sim.l0, p.liquid, w.surface
+            )
         if s.position == "moved":  # the papers' wall particles can be in the surface, and then have no pressure
             density.mark_dry(p.kind, *sim.pairs.lists, p.liquid, p.rows, w.surface)
     sim.domain.exchange(w.asymmetry, w.surface)
@@ -834,6 +839,8 @@ def pressure_gradient(sim):
             p.acceleration,
             *sharp(sim, sim.fluid, sim.liquids.volume, sim.liquids.tension, w.bend),
             w.above,
+            w.force,
+            sim.liquids.reference,
         )
     else:
         extrapolate_to_dummies(sim)
@@ -865,6 +872,17 @@ def move(sim):
     if w.near_interface is not None:
         beyond = w.near_interface.beyond
         limit_shifting(sim)
+    share = min(s.shifting * (sim.grid_number + 1.5 * sim.courant), 0.2)
+    shifting.spare_walls(
+        p.position,
+        w.asymmetry,
+        p.kind,
+        *sim.pairs.wet,
+        sim.geometry.walls,
+        WALL_ROOM * sim.l0,
+        share * sim.l0,
+        p.liquid,
+    )
     shifting.move(
         p.position,
         p.velocity,
@@ -877,7 +895,7 @@ def move(sim):
         sim.l0,
         sim.surface_lean,
         sim.surface_distance,
-        min(s.shifting * (sim.grid_number + 1.5 * sim.courant), 0.2),
+        share,
         sim.dt,
         p.liquid,
         beyond,

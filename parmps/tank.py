@@ -15,13 +15,12 @@ from parmps.level import arrange_level, hull_contents, starts_level
 from parmps.packing import BAND, CLEARANCE, REACH, pack, pack_around
 from parmps.particles import DUMMY, FLUID, WALL
 from parmps.states import point, read_state, three
+from parmps.wall_layers import place_walls
 
 FLUID_CLEARANCE = 0.75  # least distance of the liquid from a baffle, in spacings, where walls are on the wall line
 FITS = 0.1  # a cell of which a baffle leaves less, or takes less, is none or whole
-BESIDE = 1.5  # in spacings; how far from a baffle that cuts the lattice the liquid is evened out
+BESIDE = 3.5  # in spacings; how far from a baffle that cuts the lattice the liquid is evened out
 SCATTER = (0.8191725, 0.6710436, 0.5497005)  # powers of the root of x^4 = x + 1: even in any stretch (Roberts 2018)
-WALL_CLEARANCE = {"half": 0.01, "line": 0.5}  # the same for the tank's wall particles beside a baffle
-UNDER_BAFFLE = 0.3  # in spacings; a hull's wall particles this deep under a baffle are left out
 CHUNK = 2**20  # lattice points handled at once
 EMPTY_SHARES = 2**62  # more shares than particles: the first one is empty
 
@@ -100,7 +99,7 @@ def place(job, wall, part=0, parts=1, layers=3):
         The spacing does not fit the tank, no liquid fits, liquids overlap, or they would run out of a tilted tank.
     """
     geometry = build_geometry(job, wall, layers)
-    walls = _place_walls(geometry)
+    walls = place_walls(geometry)
     read = read_state(job, geometry) if job.initial.kind == "file" else None
     moved = None if read else _moved(job, geometry, walls["position"])
     whole = _place_level(job, geometry, walls["position"], moved) if starts_level(job) else read
@@ -161,7 +160,7 @@ def count_particles(job, wall, layers=3):
         As in `place`.
     """
     shares = place(job, wall, part=0, parts=EMPTY_SHARES, layers=layers)
-    kinds = np.bincount(_place_walls(shares.geometry)["kind"], minlength=3)
+    kinds = np.bincount(place_walls(shares.geometry)["kind"], minlength=3)
     counts = {"fluid": shares.total_fluid, "wall": int(kinds[WALL]), "dummy": int(kinds[DUMMY])}
     return {**counts, "total": shares.total}, shares.spacing
 
@@ -339,7 +338,7 @@ def _fluid_at(job, geometry, position, layer):
 def _keep_off_baffles(geometry, position, fluid):
     """Take liquid out of baffles, in place: as much as they displace where a site stands for the space around it.
 
-    Of sites whose cells a baffle cuts, that share is kept which is outside, scattered evenly, and moved off its faces.
+    Of sites whose cells a baffle cuts, that share is kept which is outside, evenly along its faces.
     With all that are a quarter of a spacing away, two rings in a tank of 13 rows displaced 13 % of the liquid too much.
     """
     l0 = geometry.spacing
@@ -349,8 +348,24 @@ def _keep_off_baffles(geometry, position, fluid):
         return
     share = _share_outside(geometry, position)
     cut = np.flatnonzero((share < 1.0 - ROUNDING) & (fluid >= 0))
-    turn = np.floor(position[cut] / l0) @ SCATTER % 1.0  # sites are half a spacing off the walls: rounding has no say
-    fluid[cut[share[cut] <= turn + ROUNDING]] = -1
+    at, share = position[cut], share[cut]
+    gaps = np.stack([distance_to_box(at, box) for box in geometry.walls.solids])
+    nearest = gaps.argmin(axis=0)
+    line = np.zeros((len(cut), 3), int)  # the sites of a line follow each other along a face
+    along = np.zeros(len(cut))
+    for number, (low, high) in enumerate(geometry.walls.solids):
+        here = nearest == number
+        cell = np.floor(at[here] / l0).astype(int)  # sites are half a spacing off the walls
+        thin = int(np.argmin(high - low))
+        inner = 2 if thin != 2 else 0
+        line[here] = np.delete(np.column_stack([np.full(len(cell), number), cell]), inner + 1, axis=1)
+        along[here] = at[here, inner]
+    order = np.lexsort((along, *line.T))
+    line, share = line[order], share[order]
+    begins = np.concatenate([[True], (line[1:] != line[:-1]).any(axis=1)])[: len(cut)]
+    before = np.cumsum(share) - share
+    since = before - before[begins][np.cumsum(begins) - 1] + (line @ SCATTER % 1.0)
+    fluid[cut[order[np.floor(since + share + ROUNDING) == np.floor(since + ROUNDING)]]] = -1
 
 
 def _share_outside(geometry, position):
@@ -391,21 +406,26 @@ def _even_out_beside_baffles(job, geometry, walls):
         return gap, normal[:, axes]
 
     layered = np.array([each.region is None for each in job.fluids])[fluid]
-    beside = (gap < (BESIDE - ROUNDING) * l0) & (cKDTree(cut).query(position)[0] < (2.0 - ROUNDING) * l0)
+    beside = (gap < (BESIDE - ROUNDING) * l0) & (cKDTree(cut).query(position)[0] < (BESIDE + 0.5 - ROUNDING) * l0)
     low, high = np.zeros(len(site)), np.zeros(len(site))
     for number in np.unique(fluid):  # the surface of a layer stays where it is
         low[fluid == number] = position[fluid == number, 2].min()
         high[fluid == number] = position[fluid == number, 2].max()
-    for _ in range(2):  # in a corner there are two walls
+    began = position.copy()
+    for _ in range(20):  # in a corner, one wall after the other
         off, normal = distances(position[beside], geometry.walls)
         position[beside] += np.maximum(clearance - off, 0.0)[:, None] * normal
-    moves = beside & layered
+    lost = np.zeros(len(site), bool)
+    lost[beside] = distances(position[beside], geometry.walls)[0] < 0.9 * clearance
+    lost |= np.linalg.norm(position - began, axis=1) > l0
+    fluid[lost] = -1
+    moves = beside & layered & ~lost
     if moves.any():
         around = walls[cKDTree(position[moves]).query(walls)[0] < reach]
         # the faces of a thin plate have their wall particles in one place
         double = cKDTree(around).query_pairs((0.5 + ROUNDING) * l0, output_type="ndarray")[:, 1]
         around = np.delete(around, np.unique(double), axis=0)
-        fixed = np.concatenate([position[~moves], around])[:, axes]
+        fixed = np.concatenate([position[~moves & ~lost], around])[:, axes]
         bounds = low[moves], high[moves]
         position[np.ix_(moves, axes)] = pack(position[moves][:, axes], fixed, l0, distance, clearance, *bounds)
     return Moved(site[beside], position[beside], fluid[beside])
@@ -526,175 +546,6 @@ def _volume_outside(low, high, boxes):
         free[tuple(slice(f, g) for f, g in zip(first, last, strict=True))] = False
     x, y, z = (np.diff(cut) for cut in cuts)
     return float(np.einsum("ijk,i,j,k", free.astype(float), x, y, z))
-
-
-# ---- walls
-
-
-def _place_walls(geometry):
-    """All wall and dummy particles; ``parent`` is their number among these."""
-    pieces = [_container_walls(geometry) if geometry.hull is None else _hull_walls(geometry)]
-    pieces += [_solid_walls(geometry, number) for number in range(len(geometry.solids))]
-    walls, offset = [], 0
-    for piece in pieces:
-        order = np.argsort(piece["key"])
-        at = np.searchsorted(piece["key"], piece["parent_key"], sorter=order)
-        parent = order[np.minimum(at, len(order) - 1)] if len(order) else at
-        found = piece["key"][parent] == piece["parent_key"]
-        dummy = piece["kind"] == DUMMY
-        # a wall particle that another solid hides takes its dummies along
-        kept = piece["keep"] & (~dummy | found & piece["keep"][parent])
-        renumbered = np.cumsum(kept) - 1 + offset
-        wall = {name: piece[name][kept] for name in ("position", "kind", "normal", "depth")}
-        wall["parent"] = np.where(dummy, renumbered[parent], -1)[kept]
-        walls.append(wall)
-        offset += int(kept.sum())
-    return {name: np.concatenate([wall[name] for wall in walls]) for name in walls[0]}
-
-
-def _wall_piece(position, level, to_surface, lean, index, parent_index, shape):
-    """Arrays of wall particles, given the vector to their surface and, where that is 0, its direction."""
-    depth = np.linalg.norm(to_surface, axis=1)
-    vector = np.where(depth[:, None] > 0, to_surface, lean)
-    return {
-        "position": position,
-        "kind": np.where(level == 1, WALL, DUMMY).astype(np.int8),
-        "normal": vector / np.linalg.norm(vector, axis=1)[:, None],
-        "depth": depth,
-        "key": np.ravel_multi_index(index.T, shape),
-        "parent_key": np.ravel_multi_index(parent_index.T, shape),
-    }
-
-
-def _container_walls(geometry):
-    """Wall particles of the tank: the lattice beyond its walls, edges and corners included."""
-    axes = geometry.axes
-    below = np.array([len(axis.below) for axis in axes])
-    inner = np.array([len(axis.points) for axis in axes])
-    ranges = [[0, len(axis.all_points)] for axis in axes]
-    blocks = []
-    for a in (2, 1, 0):
-        # each pair of walls takes the corners that are left
-        inside = [below[a], below[a] + inner[a]]
-        for piece in ([0, inside[0]], [inside[1], len(axes[a].all_points)]):
-            block = [np.arange(*(piece if b == a else bounds)) for b, bounds in enumerate(ranges)]
-            blocks.append(np.stack(np.meshgrid(*block, indexing="ij"), axis=-1).reshape(-1, 3))
-        ranges[a] = inside
-    index = np.concatenate(blocks)
-    into = np.clip(index, below, below + inner - 1) - index  # lattice steps to the liquid's lattice
-    position = np.stack([axis.all_points[index[:, a]] for a, axis in enumerate(axes)], axis=1)
-    nearest = np.clip(position, geometry.walls.container[0], geometry.walls.container[1])
-    to_surface = np.where(into != 0, nearest - position, 0.0)
-    parent = index + np.sign(into) * np.maximum(np.abs(into) - 1, 0)
-    shape = [len(axis.all_points) for axis in axes]
-    level = np.abs(into).max(axis=1)
-    piece = _wall_piece(position, level, to_surface, np.sign(into), index, parent, shape)
-    piece["keep"] = np.ones(len(index), bool)
-    clearance = (WALL_CLEARANCE[geometry.wall] + ROUNDING) * geometry.spacing
-    for box in geometry.walls.solids:
-        # the wall below a baffle is the baffle's
-        piece["keep"] &= distance_to_box(position + to_surface, box) >= clearance
-    return piece
-
-
-def _hull_walls(geometry):
-    """Wall particles of a hull: its shells, and where the tank is straight along its length, those of its ends."""
-    packed, across = geometry.arrangement, list(geometry.hull_axes)
-    inside = len(packed.points)
-    shells = packed.shells
-    level = np.concatenate([np.zeros(inside, int)] + [np.full(len(s.position), k + 1) for k, s in enumerate(shells)])
-    at = np.concatenate([packed.points, *[shell.position for shell in shells]])
-    to_hull = np.concatenate([np.zeros_like(packed.points), *[shell.surface - shell.position for shell in shells]])
-    normal = np.concatenate([np.zeros_like(packed.points), *[shell.normal for shell in shells]])
-    parent = np.concatenate([np.arange(inside), *[parents + inside for parents in packed.parents]])
-    if 0 in across:
-        x, below, beyond = np.zeros(1), 0, np.zeros(1, int)
-        to_end = np.zeros(1)
-    else:
-        axis = geometry.axes[0]
-        x, below = axis.all_points, len(axis.below)
-        steps = np.arange(len(x))
-        beyond = np.clip(steps, below, below + len(axis.points) - 1) - steps
-        to_end = np.where(beyond != 0, np.clip(x, axis.low, axis.high) - x, 0.0)
-    i, j = (index.ravel() for index in np.meshgrid(np.arange(len(x)), np.arange(len(at)), indexing="ij"))
-    outside = (beyond[i] != 0) | (level[j] > 0)
-    i, j = i[outside], j[outside]
-    position, to_surface, lean = (np.zeros((len(i), 3)) for _ in range(3))
-    position[:, 0], to_surface[:, 0], lean[:, 0] = x[i], to_end[i], np.sign(beyond[i])
-    position[:, across], to_surface[:, across], lean[:, across] = at[j], to_hull[j], normal[j]
-    parent_x = i + np.sign(beyond[i]) * np.maximum(np.abs(beyond[i]) - 1, 0)
-    shape = (len(x), len(at))
-    piece = _wall_piece(
-        position,
-        np.maximum(np.abs(beyond[i]), level[j]),
-        to_surface,
-        lean,
-        np.stack([i, j], axis=1),
-        np.stack([parent_x, parent[j]], axis=1),
-        shape,
-    )
-    piece["keep"] = np.ones(len(i), bool)
-    for box in geometry.walls.solids:
-        piece["keep"] &= distance_to_box(position + to_surface, box) > -UNDER_BAFFLE * geometry.spacing
-    return piece
-
-
-def _solid_walls(geometry, number):
-    """Wall particles of a baffle: a lattice of its own, as deep into it as there are layers.
-
-    The lattice goes on into the walls of the tank that the baffle touches, where it takes the place of
-    theirs, so that liquid in the corner on either side sees its own particles only.
-    """
-    solid = geometry.solids[number]
-    shape = [len(axis.points) for axis in solid.axes]
-    index = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1).reshape(-1, 3)
-
-    def along(name):
-        return np.stack([getattr(axis, name)[index[:, a]] for a, axis in enumerate(solid.axes)], axis=1)
-
-    position = along("points")
-    rank, beyond, outward, to_face = (along(name) for name in ("rank", "beyond", "outward", "to_face"))
-    for opening in solid.openings:
-        _face_opening(opening, solid, position, index, rank, outward, to_face)
-    least = rank.min(axis=1)
-    level = np.maximum(least + 1, np.abs(beyond).max(axis=1))
-    near = (level <= geometry.layers) & ~_inside_any(position, solid.openings)
-    index, rank, beyond, least, level = index[near], rank[near], beyond[near], least[near], level[near]
-    position, outward, to_face = position[near], outward[near], to_face[near]
-    facing = rank == least[:, None]
-    outward = np.where(facing, outward, np.sign(beyond))
-    to_surface = np.where(facing, to_face, along("to_wall"))
-    to_surface = np.where(facing | (beyond != 0), to_surface, 0.0)
-    parent = index + np.where(facing, outward * least[:, None], 0)
-    parent += np.where(~facing, np.sign(beyond) * np.maximum(np.abs(beyond) - 1, 0), 0)
-    piece = _wall_piece(position, level, to_surface, outward, index, parent, shape)
-    piece["keep"] = np.ones(len(index), bool)
-    if geometry.hull is not None:
-        piece["keep"] &= geometry.hull.distance(position[:, geometry.hull_axes])[0] > 0.0
-    surface = position + to_surface
-    for other, hiding in enumerate(geometry.solids):
-        for box in hiding.boxes if other != number else ():
-            piece["keep"] &= distance_to_box(surface, box) > -ROUNDING * geometry.spacing
-    return piece
-
-
-def _inside_any(position, boxes):
-    inside = [((position > box[0]) & (position < box[1])).all(axis=1) for box in boxes]
-    return np.any(inside, axis=0) if inside else np.zeros(len(position), bool)
-
-
-def _face_opening(opening, solid, position, index, rank, outward, to_face):
-    """Let the points of a baffle beside an opening face it, where it is nearer than what they face."""
-    level = {a: (position[:, a] > opening[0, a]) & (position[:, a] < opening[1, a]) for a in solid.across}
-    for a, b in (solid.across, solid.across[::-1]):
-        points = solid.axes[a].points
-        first = np.searchsorted(points, opening[0, a], side="right")
-        last = np.searchsorted(points, opening[1, a], side="left") - 1
-        for side, steps in ((1, first - 1 - index[:, a]), (-1, index[:, a] - last - 1)):
-            nearer = level[b] & (steps >= 0) & (steps < rank[:, a])
-            rank[nearer, a] = steps[nearer]
-            outward[nearer, a] = side
-            to_face[nearer, a] = opening[0 if side == 1 else 1, a] - position[nearer, a]
 
 
 # ---- initial state

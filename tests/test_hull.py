@@ -281,6 +281,33 @@ def test_water_at_rest_beside_sloped_and_curved_walls(start, tank):
     assert sim.put_back == 0
 
 
+BAFFLED_STILL = {
+    "curved": "tank: {shape: cylinder, size: [0.6233, 0.6233], baffles: [{x: 0.2144, bottom: 0.0, top: 0.18, "
+    "thickness: 0.02308}]}\nspacing: 0.01154\nfluids: [{name: water, fill: 0.7}]",
+    "acute": "tank: {shape: prism, size: [1.31, 0.92], chamfer: {bottom: [0.43, 0.32], top: [0.52, 0.45]}, "
+    "baffles: [{z: 0.5134, left: 0.488, right: 1.31, thickness: 0.112}]}\nspacing: 0.0413\n"
+    "fluids: [{name: water, fill: 1.0}]",
+}
+
+
+@pytest.mark.parametrize("case", BAFFLED_STILL)
+@pytest.mark.parametrize("every", [0.02, 0.1])
+def test_still_water_beside_baffles_on_sloped_and_curved_walls_stays_still(start, case, every):
+    sim = start(parse_job(f"dimension: 2\ntime: {{end: 1}}\n{BAFFLED_STILL[case]}"))
+    depth = sim.job.depths[0]
+    while sim.time < 0.3 - 1e-9:
+        sim.step((int(sim.time / every + 1e-6) + 1) * every)
+    sim.choose_step(1.0)
+    sim.solve()
+    p = sim.particles
+    liquid = slice(0, p.liquid)
+    error = p.pressure[liquid] / (1000.0 * G) + p.position[liquid, 2] - depth
+    error -= np.median(error) if sim.job.full else 0.0
+    assert np.linalg.norm(p.velocity[liquid], axis=1).max() < 0.01 * np.sqrt(G * depth)
+    assert np.abs(error).max() < 0.02 * depth
+    assert sim.put_back == 0
+
+
 def test_a_nearly_full_tank_closes(start):
     """Where the last surface particle goes, the pressure is known up to a constant: from that step on."""
     sim = start(

@@ -6,7 +6,11 @@ import numpy as np
 from numba import njit
 
 from parmps.kernels.compiled import added_together, compiled
+from parmps.kernels.walls import wall_distance
 from parmps.kernels.weight import smooth_weight, spline_weight
+
+ROOM, APART = 0.4, 0.7
+"""Least distances, in spacings, of another particle from a wall and from its neighbour, where there is room for it."""
 
 
 @compiled
@@ -396,6 +400,52 @@ def mark_uncovered(position, normal, wet, asymmetry, threshold, first, last, oth
                 break
         if not covered:
             surface[i] = 1
+
+
+@compiled
+def unmark_corners(position, kind, asymmetry, first, last, other, walls, l0, rows, surface):
+    """Take particles from the free surface that lack neighbours only because no more fit between the walls.
+
+    In an acute corner, walls are few around a particle. Where one spacing further on its way out, and off the walls by
+    what a particle needs, is a place for another particle, it is of the surface.
+
+    Parameters
+    ----------
+    position : (n, 3) float64, m
+    kind : (n,) int8
+    asymmetry : (rows, 3) float64
+        Tells the way out.
+    first, last, other
+        Neighbour lists.
+    walls : Walls
+    l0 : float
+        Spacing, m.
+    rows : int
+    surface : (n,) int8
+        Set to 0 for those.
+    """
+    for i in range(rows):
+        if surface[i] == 0 or last[i] == first[i] or kind[other[last[i] - 1]] == 0:
+            continue
+        x, y, z = position[i, 0], position[i, 1], position[i, 2]
+        size = math.sqrt(asymmetry[i, 0] ** 2 + asymmetry[i, 1] ** 2 + asymmetry[i, 2] ** 2)
+        if size == 0.0:
+            continue
+        step = l0 / size
+        px, py, pz = x + step * asymmetry[i, 0], y + step * asymmetry[i, 1], z + step * asymmetry[i, 2]
+        for _ in range(5):
+            d, nx, ny, nz = wall_distance(px, py, pz, walls)
+            off = max(ROOM * l0 - d, 0.0)
+            px, py, pz = px + off * nx, py + off * ny, pz + off * nz
+        nearest = (px - x) ** 2 + (py - y) ** 2 + (pz - z) ** 2
+        for k in range(first[i], last[i]):
+            j = other[k]
+            if kind[j] != 0:
+                break
+            dx, dy, dz = position[j, 0] - px, position[j, 1] - py, position[j, 2] - pz
+            nearest = min(nearest, dx * dx + dy * dy + dz * dz)
+        if nearest < (APART * l0) ** 2:
+            surface[i] = 0
 
 
 @compiled

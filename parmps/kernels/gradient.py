@@ -29,11 +29,17 @@ def corrected_gradient(
     tension,
     bend,
     above,
+    force,
+    mass,
 ):
     """Gradient from P_j - P_i with the inverse moment matrix, exact for linear fields (Duan 2018).
 
     In the surface, zero pressure, or that of surface tension, on the surface above the particle takes part with the
     missing neighbours' weight, as in the pressure equation; its moment must be in ``inverse``.
+
+    Inside the liquid the sum is over what the pressure has beyond that of liquid at rest, rho f . (r_j - r_i), whose
+    gradient is known. Where the moment matrix is exact that is the same; where its eigenvalues had to be raised, too
+    small a gradient of that alone, not of the weight: liquid at rest has its own, whatever is around it.
 
     Parameters
     ----------
@@ -57,12 +63,19 @@ def corrected_gradient(
         Filled for the rows.
     fluid, volume, tension, bend, above
         As in `poisson_rows`: with several liquids it is grad P / rho, times the reference density.
+    force : (n, 3) float64, m/s2
+        Body force f.
+    mass : float, kg/m3
+        Density, or the reference density of ``volume``.
     """
     scale = dimension / n0
     for i in range(rows):
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
         gx = gy = gz = 0.0
         here = pressure[i]
+        fx = fy = fz = 0.0
+        if surface[i] == 0:
+            fx, fy, fz = mass * force[i, 0], mass * force[i, 1], mass * force[i, 2]
         mine, own = 0, 1.0
         if fluid is not None:
             mine = fluid[i]
@@ -75,11 +88,12 @@ def corrected_gradient(
                 b = volume[mine, fluid[j]]
                 if tension is not None:
                     there -= pressure_jump(tension[mine, fluid[j]], bend[i], bend[j])
-            s = strength[k] * b * (there - here)
-            gx += s * (position[j, 0] - x)
-            gz += s * (position[j, 2] - z)
+            dx, dy, dz = position[j, 0] - x, position[j, 1] - y, position[j, 2] - z
+            s = strength[k] * (b * (there - here) - fx * dx - fy * dy - fz * dz)
+            gx += s * dx
+            gz += s * dz
             if dimension == 3:
-                gy += s * (position[j, 1] - y)
+                gy += s * dy
         if surface[i] != 0:
             s = here / surface_distance
             if above is not None:
@@ -88,9 +102,9 @@ def corrected_gradient(
             gx -= s * lean[i, 0]
             gy -= s * lean[i, 1]
             gz -= s * lean[i, 2]
-        out[i, 0] = scale * (inverse[i, 0] * gx + inverse[i, 1] * gy + inverse[i, 2] * gz)
-        out[i, 1] = scale * (inverse[i, 1] * gx + inverse[i, 3] * gy + inverse[i, 4] * gz)
-        out[i, 2] = scale * (inverse[i, 2] * gx + inverse[i, 4] * gy + inverse[i, 5] * gz)
+        out[i, 0] = fx + scale * (inverse[i, 0] * gx + inverse[i, 1] * gy + inverse[i, 2] * gz)
+        out[i, 1] = fy + scale * (inverse[i, 1] * gx + inverse[i, 3] * gy + inverse[i, 4] * gz)
+        out[i, 2] = fz + scale * (inverse[i, 2] * gx + inverse[i, 4] * gy + inverse[i, 5] * gz)
 
 
 @compiled

@@ -204,6 +204,45 @@ def move(
 
 
 @compiled
+def spare_walls(position, asymmetry, kind, first, last, other, walls, least, scale, rows):
+    """Take from the shift of particles beside walls what would bring them nearer to a wall than they are to stand.
+
+    In a corner all neighbours are on one side, and nothing else would stop the shift.
+
+    Parameters
+    ----------
+    position : (n, 3) float64, m
+    asymmetry : (n, 3) float64
+        Changed.
+    kind : (n,) int8
+    first, last, other
+        Neighbour lists.
+    walls : Walls
+    least : float
+        Distance from which on particles may be shifted towards a wall, m.
+    scale : float
+        Shift over asymmetry, m.
+    rows : int
+    """
+    for i in range(rows):
+        if kind[i] != 0 or last[i] == first[i] or kind[other[last[i] - 1]] == 0:
+            continue
+        x, y, z = position[i, 0], position[i, 1], position[i, 2]
+        own = wall_distance(x, y, z, walls)[0]
+        px, py, pz = x + scale * asymmetry[i, 0], y + scale * asymmetry[i, 1], z + scale * asymmetry[i, 2]
+        moved = False
+        for _ in range(3):
+            d, nx, ny, nz = wall_distance(px, py, pz, walls)
+            off = min(least, own) - d
+            if off <= 0.0:
+                break
+            moved = True
+            px, py, pz = px + off * nx, py + off * ny, pz + off * nz
+        if moved:
+            asymmetry[i, 0], asymmetry[i, 1], asymmetry[i, 2] = (px - x) / scale, (py - y) / scale, (pz - z) / scale
+
+
+@compiled
 def keep_off_walls(position, velocity, kind, walls, least, rows, fluid, mass, field, booked):
     """Put particles that came too near a wall, or through it, back, and take the speed towards it.
 
