@@ -374,9 +374,8 @@ def measure_density(sim):
             threshold = (0.7 if sim.liquids.surface_tension is None else 0.3) * sim.lattice.asymmetry
             around = (p.position, p.normal, w.wet, w.asymmetry)
             density.mark_uncovered(*around, threshold, *sim.pairs.wet, p.liquid, w.surface)
-            density.unmark_corners(
-                p.position, p.kind, w.asymmetry, *sim.pairs.wet, sim.geometry.walls, sim.l0, p.liquid, w.surface
-            )
+            around = (sim.geometry.walls, sim.l0, sim.dimension)
+            density.unmark_corners(p.position, p.kind, *sim.pairs.wet, *around, p.liquid, w.surface)
         if s.position == "moved":  # the papers' wall particles can be in the surface, and then have no pressure
             density.mark_dry(p.kind, *sim.pairs.lists, p.liquid, p.rows, w.surface)
     sim.domain.exchange(w.asymmetry, w.surface)
@@ -824,6 +823,8 @@ def pressure_gradient(sim):
     p, s, w = sim.particles, sim.scheme, sim.work
     sim.domain.exchange(p.pressure)
     if s.gradient == "corrected":
+        enclosed = np.empty(p.liquid, np.int8)
+        density.mark_enclosed(p.kind, w.surface, *sim.pairs.wet, p.liquid, enclosed)
         gradient.corrected_gradient(
             p.position,
             p.pressure,
@@ -839,6 +840,7 @@ def pressure_gradient(sim):
             p.acceleration,
             *sharp(sim, sim.fluid, sim.liquids.volume, sim.liquids.tension, w.bend),
             w.above,
+            enclosed,
             w.force,
             sim.liquids.reference,
         )

@@ -449,7 +449,7 @@ def test_corrected_gradient(dimension, noise):
     out, pressure = np.zeros((len(c.p), 3)), c.scalar
     gradient.corrected_gradient(
         c.p.position, c.scalar, c.surface, m.lean, *c.wet, inverse, 0.4 * c.l0, c.lat.density,
-        dimension, c.rows, out, *[None] * 5, np.zeros((len(c.p), 3)), 1000.0,
+        dimension, c.rows, out, *[None] * 5, np.zeros(c.rows, np.int8), np.zeros((len(c.p), 3)), 1000.0,
     )  # fmt: skip
     w = np.where(c.p.kind == 2, 0.0, c.w) / c.r**2
     jump = pressure[None, :] - pressure[: c.rows, None]
@@ -482,7 +482,7 @@ def test_gradients_are_exact_for_linear_fields(dimension, noise):
     liquid = c.p.liquid
     gradient.corrected_gradient(
         c.p.position, c.p.position @ slope + 7.0, none, m.lean, *c.wet, inverse, 0.5 * c.l0,
-        c.lat.density, dimension, liquid, out, *[None] * 5, np.zeros((len(c.p), 3)), 1000.0,
+        c.lat.density, dimension, liquid, out, *[None] * 5, np.zeros(c.rows, np.int8), np.zeros((len(c.p), 3)), 1000.0,
     )  # fmt: skip
     np.testing.assert_allclose(out[:liquid], np.tile(slope, (liquid, 1)), atol=1e-8 * 9800)
     tensor = c.rng.normal(size=(3, 3))

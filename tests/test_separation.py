@@ -50,14 +50,15 @@ def test_a_jet_leaves_the_edge_of_a_block(start):
         sim.solve()
         p = sim.particles
         force, least = block_forces(sim)
-        pull, lift, impulse = pull + max(force[0], 0.0) * sim.dt, max(lift, force[2]), impulse + force[0] * sim.dt
+        pull, lift = pull + max(force[0], 0.0) * sim.dt, lift + max(force[2], 0.0) * sim.dt
+        impulse += force[0] * sim.dt
         top = min(top, least)
         flow, height = p.velocity[: p.liquid], p.position[: p.liquid, 2]
         energies.append(mass * (0.5 * (flow**2).sum() + G * height.sum()))
         sim.move()
     assert impulse < -20.0  # the block is pushed: 900 N/m over 0.1 s and more
     assert pull < 0.01 * abs(impulse)
-    assert lift < 0.01 * 1000.0 * G * 0.55 * 0.161  # of the column's pressure on its top
+    assert lift < 0.01 * abs(impulse)
     assert top > -0.1 * 1000.0 * G * 0.55
     assert max(energies) < 1.002 * energies[0]
 

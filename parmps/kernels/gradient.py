@@ -29,6 +29,7 @@ def corrected_gradient(
     tension,
     bend,
     above,
+    enclosed,
     force,
     mass,
 ):
@@ -37,9 +38,9 @@ def corrected_gradient(
     In the surface, zero pressure, or that of surface tension, on the surface above the particle takes part with the
     missing neighbours' weight, as in the pressure equation; its moment must be in ``inverse``.
 
-    Inside the liquid the sum is over what the pressure has beyond that of liquid at rest, rho f . (r_j - r_i), whose
-    gradient is known. Where the moment matrix is exact that is the same; where its eigenvalues had to be raised, too
-    small a gradient of that alone, not of the weight: liquid at rest has its own, whatever is around it.
+    Beside walls away from the surface the sum is over what the pressure has beyond that of liquid at rest,
+    rho f . (r_j - r_i), whose gradient is known. Where the moment matrix is exact that is the same; in corners, where
+    its eigenvalues had to be raised, only the gradient of that is too small, and liquid at rest has its weight.
 
     Parameters
     ----------
@@ -63,6 +64,8 @@ def corrected_gradient(
         Filled for the rows.
     fluid, volume, tension, bend, above
         As in `poisson_rows`: with several liquids it is grad P / rho, times the reference density.
+    enclosed : (rows,) int8
+        1 for particles beside walls and away from the surface, as made by `mark_enclosed`.
     force : (n, 3) float64, m/s2
         Body force f.
     mass : float, kg/m3
@@ -74,7 +77,7 @@ def corrected_gradient(
         gx = gy = gz = 0.0
         here = pressure[i]
         fx = fy = fz = 0.0
-        if surface[i] == 0:
+        if enclosed[i] != 0:
             fx, fy, fz = mass * force[i, 0], mass * force[i, 1], mass * force[i, 2]
         mine, own = 0, 1.0
         if fluid is not None:
