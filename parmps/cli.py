@@ -196,14 +196,21 @@ def wall_time(text):
 
 
 def _arguments(words):
-    """Parse the command line: the name of the command, and its arguments."""
+    """Parse the command line: the name of the command, which ``run`` need not be, and its arguments."""
     if words and words[0] in PARSERS:
         return words[0], PARSERS[words[0]]().parse_args(words[1:])
-    return "run", _run_parser().parse_args(words)
+    return "run", _run_parser().parse_args(words[1:] if words[:1] == ["run"] else words)
+
+
+def _print_anything():
+    """Have characters that the encoding of the standard output lacks replaced: titles and paths may hold any."""
+    if sys.stdout is not None:
+        sys.stdout.reconfigure(errors="replace")  # the standard error writes their numbers
 
 
 def main():
     """Run the command line and exit with its status."""
+    _print_anything()
     if sys.argv[1:2] and sys.argv[1] in ALONE:
         sys.exit(_main_alone())
     from parmps.domain import Domain

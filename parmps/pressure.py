@@ -13,16 +13,18 @@ import numpy as np
 import petsc4py
 from mpi4py import MPI  # for the handle of the communicator alone
 
+from parmps.errors import DivergedError
+from parmps.installation import fitting
+from parmps.kernels.poisson import sort_rows
+
 # Signals are Python's: PETSc would end the run at SIGTERM, and print of an inner error where a pipe is closed.
 # It need not look for rows with equal columns (inodes), either, in every step: there are none. Nor keep what the coarse
 # matrices were made with, half as much as the pressure matrix in 3D: they are made once.
 given = sys.argv[1:] if any(a.startswith(("-ppe_", "-viscosity_")) for a in sys.argv) else []
 options = ("-no_signal_handler", "true", "-mat_no_inode", "true", "-mat_product_clear", "true")
-petsc4py.init([sys.argv[0], *options, *given])
-from petsc4py import PETSc  # noqa: E402
-
-from parmps.errors import DivergedError  # noqa: E402
-from parmps.kernels.poisson import sort_rows  # noqa: E402
+with fitting("petsc4py"):
+    petsc4py.init([sys.argv[0], *options, *given])
+    from petsc4py import PETSc
 
 VISCOUS_TOLERANCE = 1e-6
 """Residual of the velocity's equation relative to its right-hand side; its matrix is so well conditioned that a

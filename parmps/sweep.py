@@ -84,7 +84,9 @@ class Sweep(Section):
     @model_validator(mode="before")
     @classmethod
     def _name_directory_after_sweep_file(cls, data, info: ValidationInfo):
-        run = data.get("run", {}) if isinstance(data, dict) else None
+        if not isinstance(data, dict):
+            return data
+        run = {} if data.get("run") is None else data["run"]
         if not isinstance(run, dict) or "directory" in run:
             return data
         return {**data, "run": {**run, "directory": f"out/{info.context['file'].stem}"}}

@@ -293,3 +293,19 @@ def test_a_solver_that_fails_ends_with_status_3_and_a_checkpoint(job, tmp_path):
     assert np.all(np.isfinite(arrays["position"]))
     again = parmps(tmp_path, job, "--restart", "out", "--set", "scheme.ksp_rtol=1e-14", ranks=ranks)
     assert again.returncode == 0, again.stderr
+
+
+def test_characters_that_a_terminal_lacks_are_replaced(tmp_path):
+    """On a terminal with Latin-1; `run` may be said, and keys without a value are as if they were not there."""
+    (tmp_path / "job.yaml").write_text(
+        "title: \u03c9 = 4.5\ndimension: 2\nspacing: 0.05\ntank: {size: [0.4, 0.3], baffles: }\nprobes:\nmotion:\n"
+        "fluids: [{name: water, depth: 0.15}]\noutput:\ntime: {end: 1.0e-3}\n",
+        encoding="utf-8",
+    )
+    done = subprocess.run(
+        [sys.executable, "-m", "parmps", "run", "job.yaml"],
+        cwd=tmp_path, env=ENVIRONMENT | {"PYTHONIOENCODING": "latin-1"}, capture_output=True, encoding="latin-1",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "? = 4.5" in done.stdout and "Traceback" not in done.stderr
+    assert "\u03c9 = 4.5" in (tmp_path / "out" / "job" / "run.log").read_text(encoding="utf-8")
