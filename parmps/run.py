@@ -23,7 +23,7 @@ from parmps.interrupt import Interrupt, reason
 from parmps.loader import job_text
 from parmps.output import ParticleFile, ProbeTable, prepare_directory, write_json
 from parmps.particles import FIELDS, FLUID
-from parmps.pressure import petsc_version
+from parmps.pressure import petsc_version, unused_options
 from parmps.probes import build_probes
 from parmps.report import Compilation, RunLog, advice, command_line, timer_table
 from parmps.samples import Samples
@@ -311,6 +311,8 @@ class Run:
                 break
             s.move()
             if self.main:
+                if s.step_number == self._first_step + 1:
+                    self._tell_unused_options()
                 self.log.progress(s.time, s.step_number, s.dt, s.solver.iterations)
 
     @contextlib.contextmanager
@@ -329,6 +331,12 @@ class Run:
         )
         for warning in self.warnings:  # which the command line has shown before it placed the particles
             self.log.note(f"warning: {warning}")
+
+    def _tell_unused_options(self):
+        """Say which options of the solvers none of them knows, once they have solved; for one process only."""
+        for option in unused_options():
+            self.warnings.append(f"{option}: no solver has used this option; is its name misspelt?")
+            self.log.line(f"warning: {self.warnings[-1]}")
 
     def _finish(self, status, start):
         self.wall, self.cpu = clock.perf_counter() - start[0], clock.process_time() - start[1]
