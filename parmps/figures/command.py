@@ -108,9 +108,11 @@ def _say(*paths):
 
 def _probes(arguments):
     from parmps.figures.curves import draw_histories
+    from parmps.figures.results import run_names
 
-    directories = [arguments.source, *arguments.others]
-    runs = {str(directory): _table(directory, arguments, 2) for directory in directories}
+    directories = list(dict.fromkeys([arguments.source, *arguments.others]))
+    tables = [_table(directory, arguments, 2) for directory in directories]
+    runs = dict(zip(run_names(directories), tables, strict=True))
     reference = None if arguments.reference is None else read_signals(arguments.reference)
     figure = draw_histories(runs, reference, arguments.show)
     if arguments.show:
