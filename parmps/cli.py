@@ -21,10 +21,10 @@ SECONDS_TO_END = 5.0
 
 RUN_HELP = """\
 examples:
-  mpirun -n 2 python -m parmps jobs/sloshing.yaml
-  python -m parmps jobs/sloshing.yaml --out out/run --set motion[0].amplitude=0.03 --set time.end=5
-  python -m parmps jobs/sloshing.yaml --restart out/sloshing --set time.end=20
-  srun python -m parmps jobs/sloshing.yaml --wall-limit 23:50:00
+  mpirun -n 2 python -m parmps job.yaml
+  python -m parmps job.yaml --out out/run --set motion[0].amplitude=0.03 --set time.end=5
+  python -m parmps job.yaml --restart out/job --set time.end=20
+  srun python -m parmps job.yaml --wall-limit 23:50:00
 
 other commands (each with --help): plan, sweep, plot, schema
 
@@ -35,9 +35,9 @@ Options of the pressure solver go to PETSc with the prefix -ppe_, such as -ppe_k
 
 PLAN_HELP = """\
 examples:
-  python -m parmps plan jobs/sloshing.yaml
-  mpirun -n 8 python -m parmps plan jobs/sloshing.yaml       (memory and particles of each of 8 ranks)
-  python -m parmps plan jobs/sloshing.yaml --set spacing=0.002 --png start.png
+  python -m parmps plan job.yaml
+  mpirun -n 8 python -m parmps plan job.yaml       (memory and particles of each of 8 ranks)
+  python -m parmps plan job.yaml --set spacing=0.002 --png start.png
 """
 
 SCHEMA_HELP = """\
@@ -49,9 +49,9 @@ examples:
 
 SWEEP_HELP = """\
 examples:
-  python -m parmps sweep jobs/sweeps/baffle_height.yaml --jobs 2          run what is missing, two cases at a time
-  python -m parmps sweep jobs/sweeps/baffle_height.yaml --script slurm > sweep.sbatch; sbatch sweep.sbatch
-  python -m parmps sweep jobs/sweeps/baffle_height.yaml --collect         only the table and the figures
+  python -m parmps sweep sweep.yaml --jobs 2          run what is missing, two cases at a time
+  python -m parmps sweep sweep.yaml --script slurm > sweep.sbatch; sbatch sweep.sbatch
+  python -m parmps sweep sweep.yaml --collect         only the table and the figures
 
 Results: results.csv and a figure a measure in the directory of the sweep, a directory with a whole run a case.
 Exit status: 0 all cases done, 2 bad input, 4 some case failed (results.csv says why), 5 stopped; the same command
@@ -60,13 +60,13 @@ continues it.
 
 PLOT_HELP = """\
 examples:
-  python -m parmps plot probes out/sloshing --reference measured.csv
-  python -m parmps plot particles out/sloshing --time 1.0 2.0 3.0 --field speed
-  python -m parmps plot spectra out/sloshing --begin 2
-  python -m parmps plot peaks out/sloshing
-  python -m parmps plot animation out/sloshing --format mp4
-  python -m parmps plot sweep jobs/sweeps/baffle_height.yaml
-  python -m parmps plot report out/sloshing                     (or SWEEP.yaml: one HTML page to send to a colleague)
+  python -m parmps plot probes out/job --reference measured.csv
+  python -m parmps plot particles out/job --time 1.0 2.0 3.0 --field speed
+  python -m parmps plot spectra out/job --begin 2
+  python -m parmps plot peaks out/job
+  python -m parmps plot animation out/job --format mp4
+  python -m parmps plot sweep sweep.yaml
+  python -m parmps plot report out/job                     (or SWEEP.yaml: one HTML page to send to a colleague)
 
 Each has more options: python -m parmps plot probes --help. Pictures go into the directory of the results.
 """
@@ -94,9 +94,12 @@ def _split(arguments):
 
 
 def _parser(command, description, examples):
-    prog = f"python -m parmps {command}".strip()
+    program = "parmps" if os.path.basename(sys.argv[0]) == "parmps" else "python -m parmps"  # as it was started
     return _Parser(
-        prog=prog, description=description, epilog=examples, formatter_class=argparse.RawDescriptionHelpFormatter
+        prog=f"{program} {command}".strip(),
+        description=description,
+        epilog=examples.replace("python -m parmps", program),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
 
 

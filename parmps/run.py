@@ -363,9 +363,8 @@ class Run:
             line(f"volume drift {record['volume_drift']:+.2%}")
         else:
             line(f"{status}; to continue: --restart {command_line(self.directory)}")
-        script = "plot_probes.py" if self.job.probes else "plot_particles.py"
-        plot = Path(parmps.__file__).parents[1] / "postproc" / script
-        line(f"Results are in {self.directory}; plot them: {command_line(sys.executable, plot, self.directory)}")
+        plot = ("-m", "parmps", "plot", "probes" if self.job.probes else "particles")
+        line(f"Results are in {self.directory}; plot them: {command_line(sys.executable, *plot, self.directory)}")
 
     def close(self):
         """Close all files and free the solvers."""

@@ -1,5 +1,7 @@
 """Installations that are read-only, without a home, or of packages that do not fit each other."""
 
+import ast
+import importlib
 import os
 import re
 import shutil
@@ -77,6 +79,24 @@ def test_packages_that_do_not_fit_give_one_message(read_only, tmp_path):
     assert done.returncode == 4 and done.stdout == ""
     assert re.fullmatch(r"parmps: error: h5py does not fit numpy [\d.]+ \(numpy.dtype .*\): install.*\n", done.stderr)
     assert read_only("-m", "parmps", "schema", OMPI_COMM_WORLD_RANK="1").stderr == ""
-    with pytest.raises(InstallationError, match="petsc4py cannot be used: No module named 'petsc4py_not'"):
-        with fitting("petsc4py"):
-            import petsc4py_not  # noqa: F401
+    with pytest.raises(InstallationError, match="x cannot be used: No module named 'x'"), fitting("x"):
+        importlib.import_module("x")
+
+
+def test_an_installation_has_all_packages_and_the_command():
+    tomllib = pytest.importorskip("tomllib")
+    content = tomllib.loads((PACKAGE.parent / "pyproject.toml").read_text())
+    packages = {".".join(path.parent.relative_to(PACKAGE.parent).parts) for path in PACKAGE.rglob("__init__.py")}
+    assert set(content["tool"]["setuptools"]["packages"]) == packages
+    assert all((PACKAGE / name).exists() for name in content["tool"]["setuptools"]["package-data"]["parmps"])
+    module, function = content["project"]["scripts"]["parmps"].split(":")
+    assert callable(getattr(importlib.import_module(module), function))
+
+
+def test_the_program_names_no_files_that_only_a_clone_has():
+    for path in PACKAGE.rglob("*.py"):
+        tree = ast.parse(path.read_text())
+        docstrings = [id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)]
+        texts = [node for node in ast.walk(tree) if isinstance(node, ast.Constant) and id(node) not in docstrings]
+        found = [node.value for node in texts if re.search(r"\b(postproc|jobs|docs|tools)/", str(node.value))]
+        assert not found, path
