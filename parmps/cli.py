@@ -93,18 +93,22 @@ def _split(arguments):
     return ours
 
 
+def _program():
+    """How the program was started."""
+    return "parmps" if os.path.basename(sys.argv[0]) == "parmps" else "python -m parmps"
+
+
 def _parser(command, description, examples):
-    program = "parmps" if os.path.basename(sys.argv[0]) == "parmps" else "python -m parmps"  # as it was started
     return _Parser(
-        prog=f"{program} {command}".strip(),
+        prog=f"{_program()} {command}".strip(),
         description=description,
-        epilog=examples.replace("python -m parmps", program),
+        epilog=examples.replace("python -m parmps", _program()),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
 
 
 def _add_job(parser):
-    parser.add_argument("job", metavar="JOB.yaml", help="job file; its keys: python -m parmps schema")
+    parser.add_argument("job", metavar="JOB.yaml", help=f"job file; its keys: {_program()} schema")
     parser.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE", help="change a key, such as motion[0].omega=6"
     )
@@ -144,7 +148,7 @@ def _schema_parser():
 
 def _sweep_parser():
     parser = _parser("sweep", "Runs a base job with changed values, case by case; one table of results.", SWEEP_HELP)
-    parser.add_argument("sweep", metavar="SWEEP.yaml", help="sweep file; its keys: python -m parmps schema --sweep")
+    parser.add_argument("sweep", metavar="SWEEP.yaml", help=f"sweep file; its keys: {_program()} schema --sweep")
     parser.add_argument("--jobs", type=_count, metavar="N", help="cases at a time, instead of the file's")
     parser.add_argument("--ranks", type=_count, metavar="N", help="MPI ranks of each case, instead of the file's")
     parser.add_argument("--retry", action="store_true", help="run the cases that failed again")

@@ -28,5 +28,5 @@ def fitting(package):
         reason = " ".join(str(error).split())
         raise InstallationError(
             f"{package} does not fit numpy {version('numpy')} ({reason}): install the numpy that it was built for, "
-            "such as pip install 'numpy<2' (in a clone of the repository: rm -r .venv, then make setup)"
+            "with Debian 12 by pip install 'numpy<2' (in a clone of the repository: rm -r .venv, then make setup)"
         ) from None

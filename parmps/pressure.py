@@ -22,9 +22,11 @@ PREFIXES = ("ppe_", "viscosity_")
 
 # Signals are Python's: PETSc would end the run at SIGTERM, and print of an inner error where a pipe is closed.
 # It need not look for rows with equal columns (inodes), either, in every step: there are none. Nor keep what the coarse
-# matrices were made with, half as much as the pressure matrix in 3D: they are made once.
+# matrices were made with, half as much as the pressure matrix in 3D: they are made once. Of
+# unused options it need not speak at its end: `unused_options` knows those of the command line.
 given = sys.argv[1:] if any(a.startswith(tuple(f"-{prefix}" for prefix in PREFIXES)) for a in sys.argv) else []
-options = ("-no_signal_handler", "true", "-mat_no_inode", "true", "-mat_product_clear", "true")
+options = ("-no_signal_handler", "-mat_no_inode", "-mat_product_clear")
+options = [word for option in options for word in (option, "true")] + ["-options_left", "false"]
 with fitting("petsc4py"):
     petsc4py.init([sys.argv[0], *options, *given])
     from petsc4py import PETSc

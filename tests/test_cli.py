@@ -192,7 +192,7 @@ def test_a_good_run_writes_all_results(job, tmp_path, ranks):
     header = checkpoint.read_header(out / "checkpoint.h5")
     assert header.attributes["counters"]["time"] == 0.1
     log = (out / "run.log").read_text()
-    assert f"plot them: {sys.executable} -m parmps plot probes {out}" in log
+    assert f"plot them: {sys.executable} -m parmps plot probes out\n" in log
     assert "Traceback" not in done.stderr
 
 

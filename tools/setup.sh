@@ -95,6 +95,9 @@ make_environment() {
     .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-input --no-compile "${needed[@]}" \
         || fail "could not install: ${needed[*]}"
     site=$(.venv/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
+    # numba supports NumPy up to some version, which pip forgets when something else is installed.
+    .venv/bin/python -c 'from importlib.metadata import requires
+print(*(word for word in requires("numba") if word.startswith("numpy")), sep="\n")' >>.venv/constraints.txt
     printf '%s\n' "$petsc" >"$site/petsc4py-debian.pth"
     pwd >"$site/parmps.pth"
     # What every command imports is compiled here, since later processes may be forbidden to write what they compile.
