@@ -315,7 +315,7 @@ def test_options_that_petsc_does_not_know_are_named(job, tmp_path):
     good = ("-ppe_ksp_max_it", "400", "-ppe_mg_levels_ksp_max_it", "2", "-ppe_mg_coarse_sub_pc_type", "lu")
     done = parmps(tmp_path, job, "--set", "time.end=0.01", *good, "-ppe_pc_typ", "hypre", ranks=2)
     assert done.returncode == 0, done.stderr
-    (line,) = [line for line in (done.stdout + done.stderr).splitlines() if "no solver has used" in line]
+    (line,) = {line for line in (done.stdout + done.stderr).splitlines() if "no solver has used" in line}
     assert line.startswith("warning: -ppe_pc_typ: ")
     record = json.loads((tmp_path / "out" / "run.json").read_text())
     assert f"warning: {record['warnings'][-1]}" == line
