@@ -41,6 +41,8 @@ EARLY_END = 5
 """Exit status of a run that was asked to stop; it goes on when the sweep does."""
 BEYOND_LIMITS = 6
 """Exit status of a run that is done, with a warning in its ``run.json``."""
+FORMULA = ("=", "+", "-", "@", "\t", "\r")
+"""What a cell begins with that a spreadsheet executes."""
 SECONDS_BETWEEN_LOOKS = 0.1
 SECONDS_TO_SAVE = 60.0
 """How long stopped cases have to write their checkpoints."""
@@ -395,9 +397,21 @@ def results(sweep, cases):
     titles = [_title(key, unit_of_key(key)) for key in keys]
     titles += [_title(name, unit) for name, unit in zip(names, units, strict=True)]
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([["case", *titles, "status"], *rows])
+    cells = [[_harmless(cell) for cell in row] for row in (["case", *titles, "status"], *rows)]
+    csv.writer(text, lineterminator="\n").writerows(cells)
     write_text(results_path(sweep), text.getvalue())
     return ends
+
+
+def _harmless(cell):
+    """Mark a text that a spreadsheet would take for a formula as a text."""
+    if not isinstance(cell, str) or not cell.startswith(FORMULA):
+        return cell
+    try:
+        float(cell)
+    except ValueError:
+        return f"'{cell}"
+    return cell
 
 
 def results_path(sweep):

@@ -22,10 +22,10 @@ SECONDS_TO_END = 5.0
 
 RUN_HELP = """\
 examples:
-  mpirun -n 2 python -m parmps jobs/sloshing.yaml
-  python -m parmps jobs/sloshing.yaml --out out/run --set motion[0].amplitude=0.03 --set time.end=5
-  python -m parmps jobs/sloshing.yaml --restart out/sloshing --set time.end=20
-  srun python -m parmps jobs/sloshing.yaml --wall-limit 23:50:00
+  mpirun -n 2 python -m parmps job.yaml
+  python -m parmps job.yaml --out out/run --set motion[0].amplitude=0.03 --set time.end=5
+  python -m parmps job.yaml --restart out/job --set time.end=20
+  srun python -m parmps job.yaml --wall-limit 23:50:00
 
 other commands (each with --help): plan, sweep, plot, schema
 
@@ -37,9 +37,9 @@ Options of the pressure solver go to PETSc with the prefix -ppe_, such as -ppe_k
 
 PLAN_HELP = """\
 examples:
-  python -m parmps plan jobs/sloshing.yaml
-  mpirun -n 8 python -m parmps plan jobs/sloshing.yaml       (memory and particles of each of 8 ranks)
-  python -m parmps plan jobs/sloshing.yaml --set spacing=0.002 --png start.png
+  python -m parmps plan job.yaml
+  mpirun -n 8 python -m parmps plan job.yaml       (memory and particles of each of 8 ranks)
+  python -m parmps plan job.yaml --set spacing=0.002 --png start.png
 """
 
 SCHEMA_HELP = """\
@@ -51,9 +51,9 @@ examples:
 
 SWEEP_HELP = """\
 examples:
-  python -m parmps sweep jobs/sweeps/baffle_height.yaml --jobs 2          run what is missing, two cases at a time
-  python -m parmps sweep jobs/sweeps/baffle_height.yaml --script slurm > sweep.sbatch; sbatch sweep.sbatch
-  python -m parmps sweep jobs/sweeps/baffle_height.yaml --collect         only the table and the figures
+  python -m parmps sweep sweep.yaml --jobs 2          run what is missing, two cases at a time
+  python -m parmps sweep sweep.yaml --script slurm > sweep.sbatch; sbatch sweep.sbatch
+  python -m parmps sweep sweep.yaml --collect         only the table and the figures
 
 Results: results.csv and a figure a measure in the directory of the sweep, a directory with a whole run a case.
 Exit status: 0 all cases done, 2 bad input, 4 some case failed (results.csv says why), 5 stopped; the same command
@@ -62,13 +62,13 @@ continues it.
 
 PLOT_HELP = """\
 examples:
-  python -m parmps plot probes out/sloshing --reference measured.csv
-  python -m parmps plot particles out/sloshing --time 1.0 2.0 3.0 --field speed
-  python -m parmps plot spectra out/sloshing --begin 2
-  python -m parmps plot peaks out/sloshing
-  python -m parmps plot animation out/sloshing --format mp4
-  python -m parmps plot sweep jobs/sweeps/baffle_height.yaml
-  python -m parmps plot report out/sloshing                     (or SWEEP.yaml: one HTML page to send to a colleague)
+  python -m parmps plot probes out/job --reference measured.csv
+  python -m parmps plot particles out/job --time 1.0 2.0 3.0 --field speed
+  python -m parmps plot spectra out/job --begin 2
+  python -m parmps plot peaks out/job
+  python -m parmps plot animation out/job --format mp4
+  python -m parmps plot sweep sweep.yaml
+  python -m parmps plot report out/job                     (or SWEEP.yaml: one HTML page to send to a colleague)
 
 Each has more options: python -m parmps plot probes --help. Pictures go into the directory of the results.
 """
@@ -95,15 +95,22 @@ def _split(arguments):
     return ours
 
 
+def _program():
+    """How the program was started."""
+    return "parmps" if os.path.basename(sys.argv[0]) == "parmps" else "python -m parmps"
+
+
 def _parser(command, description, examples):
-    prog = f"python -m parmps {command}".strip()
     return _Parser(
-        prog=prog, description=description, epilog=examples, formatter_class=argparse.RawDescriptionHelpFormatter
+        prog=f"{_program()} {command}".strip(),
+        description=description,
+        epilog=examples.replace("python -m parmps", _program()),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
 
 
 def _add_job(parser):
-    parser.add_argument("job", metavar="JOB.yaml", help="job file; its keys: python -m parmps schema")
+    parser.add_argument("job", metavar="JOB.yaml", help=f"job file; its keys: {_program()} schema")
     parser.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE", help="change a key, such as motion[0].omega=6"
     )
@@ -152,7 +159,7 @@ def _schema_parser():
 
 def _sweep_parser():
     parser = _parser("sweep", "Runs a base job with changed values, case by case; one table of results.", SWEEP_HELP)
-    parser.add_argument("sweep", metavar="SWEEP.yaml", help="sweep file; its keys: python -m parmps schema --sweep")
+    parser.add_argument("sweep", metavar="SWEEP.yaml", help=f"sweep file; its keys: {_program()} schema --sweep")
     parser.add_argument("--jobs", type=_count, metavar="N", help="cases at a time, instead of the file's")
     parser.add_argument("--ranks", type=_count, metavar="N", help="MPI ranks of each case, instead of the file's")
     parser.add_argument("--retry", action="store_true", help="run the cases that failed again")
@@ -227,10 +234,16 @@ def run_directory(text):
 
 
 def _arguments(words):
-    """Parse the command line: the name of the command, and its arguments."""
+    """Parse the command line: the name of the command, which ``run`` need not be, and its arguments."""
     if words and words[0] in PARSERS:
         return words[0], PARSERS[words[0]]().parse_args(words[1:])
-    return "run", _run_parser().parse_args(words)
+    return "run", _run_parser().parse_args(words[1:] if words[:1] == ["run"] else words)
+
+
+def _print_anything():
+    """Have characters that the encoding of the standard output lacks replaced: titles and paths may hold any."""
+    if sys.stdout is not None:
+        sys.stdout.reconfigure(errors="replace")  # the standard error writes their numbers
 
 
 def _open_standard_streams():
@@ -247,6 +260,7 @@ def _open_standard_streams():
 def main():
     """Run the command line and exit with its status."""
     _open_standard_streams()
+    _print_anything()
     if sys.argv[1:2] and sys.argv[1] in ALONE:
         sys.exit(_main_alone())
     from parmps.domain import Domain

@@ -30,6 +30,10 @@ class InputError(ParmpsError):
         return type(self), (self.key, self._message)
 
 
+class InstallationError(ParmpsError):
+    """A package that is needed is missing, or does not fit the others (exit status 4)."""
+
+
 class DivergedError(ParmpsError):
     """The solution cannot be continued: a solver diverged or a value is not finite (exit status 3)."""
 

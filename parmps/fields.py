@@ -6,9 +6,10 @@ bounds, so that validation, error messages, the schema table and the JSON Schema
 
 import difflib
 import re
+from types import NoneType
 from typing import Annotated, get_args
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from parmps.errors import InputError
 
@@ -50,6 +51,19 @@ class Section(BaseModel):
     """A mapping of the job file: immutable, and with no keys but those declared."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, hide_input_in_errors=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _empty_is_absent(cls, data):
+        """Take a key without a value, such as ``motion:`` with nothing below it, as one that is not there."""
+        if not isinstance(data, dict):
+            return data
+        optional = {
+            name
+            for name, field in cls.model_fields.items()
+            if not field.is_required() and NoneType not in get_args(field.annotation)
+        }
+        return {name: value for name, value in data.items() if value is not None or name not in optional}
 
 
 def setting(description, unit="", default=..., **bounds):

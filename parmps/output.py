@@ -49,6 +49,8 @@ ELSEWHERE = "with --out DIR the run continues without this file"
 _PAGE = 4096
 _COPY_BYTES = 1 << 24
 _UNSET_COUNT = 0x5EA0_C0DE_0B5E_55ED
+_NOWHERE = -1
+"""HDF5's address of what has no place in the file."""
 
 
 def prepare_directory(path, restart):
@@ -140,7 +142,8 @@ class ParticleFile:
     """Particle frames in ``particles.vtkhdf``: VTKHDF PolyData with time steps, one vertex a particle.
 
     The space of all frames is laid out at creation (see `parmps.slabs`). Committing a frame changes two
-    numbers, the attribute ``NSteps`` and the length of ``Steps/Values`` (which VTK needs to be equal). Both
+    numbers, the attribute ``NSteps`` and the length of ``Steps/Values`` (which VTK needs to be equal), and
+    the first frame also the address of the latter, since HDF5 refuses one where there is nothing. All
     lie in the first page of the file and are written by one call, so that no kill can come between them: a
     frame is there whole or not at all. A reader that opens the file while a frame is committed reads the
     two one after the other and may find a later length than number; that window is microseconds wide.
@@ -175,9 +178,10 @@ class ParticleFile:
         group, size = member(file, "VTKHDF"), os.path.getsize(self.path)
         self.points = int(numbers(group, "NumberOfPoints", "i")[0])
         self.capacity = len(numbers(group, "Steps/PointOffsets", "i"))
-        self._count_at, self._length_at = (int(word) for word in numbers(file, "parmps/commit_words", "i")[:2])
+        words = [int(word) for word in numbers(file, "parmps/commit_words", "i")[:3]]
+        self._count_at, self._length_at, self._address_at = words
         self._times_at = int(numbers(file, "parmps/times_at", "i")[()])
-        parts = [(self._count_at, 8, _PAGE), (self._length_at, 8, _PAGE), (self._times_at, 8 * self.capacity, size)]
+        parts = [*((word, 8, _PAGE) for word in words), (self._times_at, 8 * self.capacity, size)]
         self._offsets = {}
         for name, (dtype, shape) in {"position": ("<f8", (3,)), **POINT_DATA}.items():
             data = numbers(group, "Points" if name == "position" else f"PointData/{name}", "if")
@@ -359,11 +363,13 @@ class ParticleFile:
         os.close(self._descriptor)
 
     def _set_count(self, frames):
-        """Change both commit words by one write inside one page."""
-        first, last = sorted((self._count_at, self._length_at))
+        """Change the commit words by one write inside one page."""
+        address = self._times_at if frames else _NOWHERE
+        words = {self._count_at: frames, self._length_at: frames, self._address_at: address}
+        first, last = min(words), max(words)
         block = bytearray(os.pread(self._descriptor, last + 8 - first, first))
-        for word in (self._count_at, self._length_at):
-            struct.pack_into("<q", block, word - first, frames)
+        for word, value in words.items():
+            struct.pack_into("<q", block, word - first, value)
         write_at(self._descriptor, block, first)
 
     def _copy_into_larger(self, kept, frames):
@@ -394,7 +400,7 @@ class ParticleFile:
 def _lay_out(path, points, frames, attributes):
     """Write the structure of a particle file with no committed frame; see `ParticleFile.create`."""
     # The oldest format has no checksums on its object headers, so the commit words may change in place. What
-    # is created first comes first in the file: both words fall into its first page.
+    # is created first comes first in the file: the words fall into its first page.
     with h5py.File(path, "w", libver=("earliest", "v110")) as file:
         steps = file.create_group("VTKHDF/Steps")
         steps.attrs["NSteps"] = np.int64(_UNSET_COUNT)
@@ -404,7 +410,7 @@ def _lay_out(path, points, frames, attributes):
         _lay_out_steps(steps, points, frames)
         _lay_out_points(file["VTKHDF"], points, frames)
         own = file.create_group("parmps")
-        own["commit_words"] = np.zeros(2, "<i8")
+        own["commit_words"] = np.zeros(3, "<i8")
         own["times_at"] = np.int64(times_at)
         for name, text in attributes.items():
             own[f"attributes/{name}"] = text
@@ -417,28 +423,30 @@ def _lay_out(path, points, frames, attributes):
         write_at(descriptor, np.arange(points + 1, dtype="<i8"), offsets_at)
         page = os.pread(descriptor, _PAGE, 0)
         count_at = page.find(struct.pack("<q", _UNSET_COUNT))
-        length_at = _length_word(page, header_at, frames)
+        length_at, address_at = _words_of_dataset(page, header_at, frames, times_at)
         if count_at < 0:
-            raise RuntimeError("the first page does not hold both commit words")
-        write_at(descriptor, struct.pack("<qq", count_at, length_at), words_at)
-        write_at(descriptor, struct.pack("<q", 0), count_at)
-        write_at(descriptor, struct.pack("<q", 0), length_at)
+            raise RuntimeError("the first page does not hold all commit words")
+        write_at(descriptor, struct.pack("<qqq", count_at, length_at, address_at), words_at)
+        for word, value in ((count_at, 0), (length_at, 0), (address_at, _NOWHERE)):
+            write_at(descriptor, struct.pack("<q", value), word)
         os.fsync(descriptor)
 
 
-def _length_word(page, header_at, length):
-    """Return the place of the length of a one-dimensional dataset, given that of its object header.
+def _words_of_dataset(page, header_at, length, data_at):
+    """Return the places of length and address of a one-dimensional dataset of 8 bytes an element.
 
     HDF5 file format specification, IV.A: a version 1 object header is 16 bytes long; its first message (8
-    bytes, then the content) is the data space (type 1), which has the first length after 8 bytes.
+    bytes, then the content) is the data space (type 1), which has the first length after 8 bytes. The layout
+    message of contiguous storage (version 3, class 1) then has the address and the size in bytes.
     """
     length_at = header_at + 32
-    if length_at + 8 > len(page):
-        raise RuntimeError("the first page does not hold both commit words")
+    layout_at = page.find(struct.pack("<BBqq", 3, 1, data_at, 8 * length), header_at)
+    if length_at + 8 > len(page) or layout_at < 0:
+        raise RuntimeError("the first page does not hold all commit words")
     version, kind = page[header_at], page[header_at + 16]
     if version != 1 or kind != 1 or struct.unpack_from("<q", page, length_at)[0] != length:
         raise RuntimeError("the object headers of this HDF5 library are not laid out as expected")
-    return length_at
+    return length_at, layout_at + 2
 
 
 def _lay_out_steps(steps, points, frames):

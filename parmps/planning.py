@@ -494,7 +494,7 @@ def _trade_lines(job, counts, spacing, estimate):
     lines.append(f"  {seconds} CPU-seconds for the steps above, in all ranks, {1e3 * cost.value:.2g} ms a step")
     if cost.beyond:
         lines.append(f"  {cost.beyond}, continued in proportion")
-    lines.append("  scenes unlike these (impacts, baffles, several liquids) may err more; see jobs/validation/trade.md")
+    lines.append("  scenes unlike these (impacts, baffles, several liquids) may err more")
     changed = changed_settings(job.scheme)
     if changed:
         lines.append(f"  {preset} as it is: what {', '.join(changed)} change was not measured together")

@@ -13,16 +13,23 @@ import numpy as np
 import petsc4py
 from mpi4py import MPI  # for the handle of the communicator alone
 
+from parmps.errors import DivergedError, InputError
+from parmps.installation import fitting
+from parmps.kernels.poisson import sort_rows
+
+PREFIXES = ("ppe_", "viscosity_")
+"""Of the options of the two solvers."""
+
 # Signals are Python's: PETSc would end the run at SIGTERM, and print of an inner error where a pipe is closed.
 # It need not look for rows with equal columns (inodes), either, in every step: there are none. Nor keep what the coarse
-# matrices were made with, half as much as the pressure matrix in 3D: they are made once.
-given = sys.argv[1:] if any(a.startswith(("-ppe_", "-viscosity_")) for a in sys.argv) else []
-options = ("-no_signal_handler", "true", "-mat_no_inode", "true", "-mat_product_clear", "true")
-petsc4py.init([sys.argv[0], *options, *given])
-from petsc4py import PETSc  # noqa: E402
-
-from parmps.errors import DivergedError  # noqa: E402
-from parmps.kernels.poisson import sort_rows  # noqa: E402
+# matrices were made with, half as much as the pressure matrix in 3D: they are made once. Of
+# unused options it need not speak at its end: `unused_options` knows those of the command line.
+given = sys.argv[1:] if any(a.startswith(tuple(f"-{prefix}" for prefix in PREFIXES)) for a in sys.argv) else []
+options = ("-no_signal_handler", "-mat_no_inode", "-mat_product_clear")
+options = [word for option in options for word in (option, "true")] + ["-options_left", "false"]
+with fitting("petsc4py"):
+    petsc4py.init([sys.argv[0], *options, *given])
+    from petsc4py import PETSc
 
 VISCOUS_TOLERANCE = 1e-6
 """Residual of the velocity's equation relative to its right-hand side; its matrix is so well conditioned that a
@@ -74,13 +81,22 @@ class _Solver:
 
     @contextmanager
     def _own_options(self):
-        """Have PETSc find the solver's own options where none are given; other solvers shall not find them."""
+        """Have PETSc find the solver's own options where none are given; other solvers shall not find them.
+
+        What PETSc makes of those on the command line is told as a mistake in it.
+        """
+        given = " ".join(f"-{name} {value}" for name, value in _given_options(self._prefix).items())
         database = PETSc.Options(self._prefix)
         own = {name: value for name, value in self._options.items() if not database.hasName(name)}
         for name, value in own.items():
             database[name] = value
         try:
             yield
+        except PETSc.Error as error:
+            if not given:
+                raise
+            reason = str(error).splitlines()[-1].split("] ")[-1]
+            raise InputError("command line", f"PETSc refuses {given}: {reason}") from None
         finally:
             for name in own:
                 del database[name]
@@ -315,6 +331,28 @@ class PressureSolver(_Solver):
             if thing is not None:
                 thing.destroy()
         self._guess = self._change = None
+
+
+def unused_options():
+    """Options of the solvers on the command line that nothing has asked for, once all solvers have been set up.
+
+    Returns
+    -------
+    list of str
+        Their names, with the dash.
+    """
+    found = []
+    for name in (name for prefix in PREFIXES for name in _given_options(prefix)):
+        used = ctypes.c_int()
+        _check(_LIBRARY.PetscOptionsUsed(None, name.encode(), ctypes.byref(used)))
+        if not used.value:
+            found.append(f"-{name}")
+    return found
+
+
+def _given_options(prefix):
+    """Options with a prefix: name without the dash, and value."""
+    return {name: value for name, value in PETSc.Options().getAll().items() if name.startswith(prefix)}
 
 
 _REASONS = {

@@ -26,7 +26,7 @@ from parmps.lock import DirectoryLock
 from parmps.output import ParticleFile, prepare_directory, write_json
 from parmps.particles import FIELDS, FLUID
 from parmps.planning import needs
-from parmps.pressure import petsc_version
+from parmps.pressure import petsc_version, unused_options
 from parmps.probes import build_probes
 from parmps.report import Compilation, RunLog, advice, command_line, timer_table
 from parmps.samples import Samples
@@ -359,6 +359,8 @@ class Run:
                 break
             s.move()
             if self.main:
+                if s.step_number == self._first_step + 1:
+                    self._tell_unused_options()
                 self.log.progress(s.time, s.step_number, s.dt, s.solver.iterations)
 
     @contextlib.contextmanager
@@ -381,6 +383,12 @@ class Run:
             line(f"The file system of {self.directory} has no locks: nothing keeps another run from writing there too.")
         for warning in self.warnings:  # which the command line has shown before it placed the particles
             self.log.note(f"warning: {warning}")
+
+    def _tell_unused_options(self):
+        """Say which options of the solvers none of them knows, once they have solved; for one process only."""
+        for option in unused_options():
+            self.warnings.append(f"{option}: no solver has used this option; is its name misspelt?")
+            self.log.line(f"warning: {self.warnings[-1]}")
 
     def _finish(self, status, start):
         self.wall, self.cpu = clock.perf_counter() - start[0], clock.process_time() - start[1]
@@ -417,9 +425,8 @@ class Run:
             line(f"volume drift {record['volume_drift']:+.2%}")
         else:
             line(f"{status}; to continue: --restart {command_line(self.directory)}")
-        script = "plot_probes.py" if self.job.probes else "plot_particles.py"
-        plot = Path(parmps.__file__).parents[1] / "postproc" / script
-        line(f"Results are in {self.directory}; plot them: {command_line(sys.executable, plot, self.directory)}")
+        plot = ("-m", "parmps", "plot", "probes" if self.job.probes else "particles")
+        line(f"Results are in {self.directory}; plot them: {command_line(sys.executable, *plot, self.directory)}")
 
     def close(self):
         """Close all files and free the solvers."""

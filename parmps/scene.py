@@ -517,7 +517,7 @@ class Job(Section):
         file = (info.context or {}).get("file")
         if file is None or not isinstance(data, dict):
             return data
-        output = data.get("output", {})
+        output = {} if data.get("output") is None else data["output"]
         if not isinstance(output, dict) or "directory" in output:
             return data
         return {**data, "output": {**output, "directory": f"out/{file.stem}"}}

@@ -4,6 +4,7 @@ import csv
 import re
 
 import numpy as np
+from scipy.integrate import trapezoid
 
 from parmps.errors import InputError
 
@@ -253,14 +254,14 @@ def _of_peaks(number):
 MEASURES = {
     "max": ("greatest value", "{}", lambda time, values, period: values.max()),
     "min": ("least value", "{}", lambda time, values, period: values.min()),
-    "mean": ("mean in time", "{}", lambda time, values, period: np.trapz(values, time) / (time[-1] - time[0])),
+    "mean": ("mean in time", "{}", lambda time, values, period: trapezoid(values, time) / (time[-1] - time[0])),
     "mean_peaks": ("mean of the greatest values of the whole cycles", "{}", _of_peaks(0)),
     "peak_count": ("number of these peaks", "", _of_peaks(1)),
     "peak_deviation": ("standard deviation of these peaks", "{}", _of_peaks(2)),
     "peak_error": ("standard error of their mean", "{}", _of_peaks(3)),
     "rms": ("root mean square about the mean", "{}", lambda time, values, period: values.std()),
     "frequency": ("dominant frequency", "Hz", lambda time, values, period: _frequency(time, values)),
-    "impulse": ("integral over time", "{} s", lambda time, values, period: np.trapz(values, time)),
+    "impulse": ("integral over time", "{} s", lambda time, values, period: trapezoid(values, time)),
 }
 """What can be measured: meaning, unit by that of the signal, and the function of time, values and forcing period."""
 

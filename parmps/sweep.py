@@ -19,6 +19,9 @@ from parmps.signals import MEASURES
 
 MAX_CASES = 10_000
 
+NAME = "name"
+"""What a case, or a value, may have beside what it changes, for tables and figures."""
+
 Key = Annotated[str, Field(min_length=1, max_length=200)]
 Values = dict[Key, Any]
 Range = Annotated[tuple[Number, ...], Field(min_length=2, max_length=2)]
@@ -72,10 +75,12 @@ class Sweep(Section):
     job: InputPath = setting("job file that all cases start from, relative to the sweep file")
     set: Values = setting("values that all cases have: key of the job and value", default_factory=dict)
     grid: dict[Key, Annotated[tuple[Any, ...], Field(min_length=1)]] | None = setting(
-        "values of each key; the cases are all combinations", default=None
+        "values of each key; the cases are all combinations. {name: one baffle, value: [...]} is a value with a name "
+        "for tables and figures",
+        default=None,
     )
     list: Annotated[tuple[Values, ...], Field(min_length=1, max_length=MAX_CASES)] | None = setting(
-        "the cases one by one, each with its keys and values", default=None
+        "the cases one by one, each with its keys and values, and perhaps a name for tables and figures", default=None
     )
     sample: Sample | None = setting("a Latin-hypercube sample", default=None)
     measures: Annotated[tuple[Measure, ...], Field(max_length=100)] = setting("what to measure in a case", default=())
@@ -84,7 +89,9 @@ class Sweep(Section):
     @model_validator(mode="before")
     @classmethod
     def _name_directory_after_sweep_file(cls, data, info: ValidationInfo):
-        run = data.get("run", {}) if isinstance(data, dict) else None
+        if not isinstance(data, dict):
+            return data
+        run = {} if data.get("run") is None else data["run"]
         if not isinstance(run, dict) or "directory" in run:
             return data
         return {**data, "run": {**run, "directory": f"out/{info.context['file'].stem}"}}
@@ -98,7 +105,26 @@ class Sweep(Section):
         for number, name in enumerate(names):
             if name in names[:number]:
                 raise InputError(f"measures[{number}].name", f"'{name}' is taken; names must be unique")
+        _check_names([values.get(NAME) for values in self.list or ()], "list[{}].name")
+        for key, values in (self.grid or {}).items():
+            _check_names([value[NAME] if _has_name(value) else None for value in values], f"grid.{key}[{{}}].name")
         return self
+
+
+def _check_names(names, key):
+    """Refuse names of values or cases that are no short texts, or not unique; None is no name."""
+    for number, name in enumerate(names):
+        if name is None:
+            continue
+        if not isinstance(name, str) or not 1 <= len(name) <= 100 or not name.isprintable():
+            raise InputError(key.format(number), f"got {show(name)}, must be a text of 1 to 100 characters")
+        if name in names[:number]:
+            raise InputError(key.format(number), f"'{name}' is taken; names must be unique")
+
+
+def _has_name(value):
+    """Whether a value of a grid is a mapping of a name and the value proper."""
+    return isinstance(value, dict) and set(value) == {NAME, "value"}
 
 
 @dataclass(frozen=True)
@@ -110,7 +136,7 @@ class Case:
     name : str
         Its number, and the name of its directory.
     values : dict
-        Values of the keys that vary, by key.
+        Values of the keys that vary, by key, or their names; and the name of the case, if it has one.
     job : Job
     """
 
@@ -158,10 +184,11 @@ def parameters(sweep):
     Returns
     -------
     list of str
-        In the order of the file.
+        In the order of the file, after the name, if cases have names.
     """
     if sweep.list is not None:
-        return list(dict.fromkeys(key for values in sweep.list for key in values))
+        keys = dict.fromkeys(key for values in sweep.list for key in values)
+        return sorted(keys, key=lambda key: key != NAME)  # the name first
     return list(sweep.grid if sweep.grid is not None else sweep.sample.ranges)
 
 
@@ -198,13 +225,17 @@ def _cases(sweep):
     for number, values in enumerate(combinations, start=1):
         name = f"{number:0{digits}}"
         place = {"output.directory": str(Path(sweep.run.directory) / name)}
-        overrides = [f"{key}={json.dumps(value)}" for key, value in {**sweep.set, **values, **place}.items()]
+        changes = {key: value["value"] if _has_name(value) else value for key, value in values.items() if key != NAME}
+        title = {"title": values[NAME]} if values.get(NAME) else {}  # by which pictures tell runs apart
+        settings = {**title, **sweep.set, **changes, **place}
+        overrides = [f"{key}={json.dumps(value)}" for key, value in settings.items()]
         try:
             job = parse_job(text, overrides, file=file, source=sweep.job)
             _check_measures(sweep, job)
         except InputError as error:
             raise InputError("", f"case {name} ({show(values, 200)}): {error}") from None
-        cases.append(Case(name, values, job))
+        shown = {key: value[NAME] if _has_name(value) else value for key, value in values.items()}
+        cases.append(Case(name, shown, job))
     return cases
 
 

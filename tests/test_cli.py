@@ -193,7 +193,7 @@ def test_a_good_run_writes_all_results(job, tmp_path, ranks):
     header = checkpoint.read_header(out / "checkpoint.h5")
     assert header.attributes["counters"]["time"] == 0.1
     log = (out / "run.log").read_text()
-    assert "plot_probes.py" in log
+    assert f"plot them: {sys.executable} -m parmps plot probes out\n" in log
     assert "Traceback" not in done.stderr
 
 
@@ -319,3 +319,33 @@ def test_a_solver_that_fails_ends_with_status_3_and_a_checkpoint(job, tmp_path):
     assert np.all(np.isfinite(arrays["position"]))
     again = parmps(tmp_path, job, "--restart", "out", "--set", "scheme.ksp_rtol=1e-14", ranks=ranks)
     assert again.returncode == 0, again.stderr
+
+
+def test_characters_that_a_terminal_lacks_are_replaced(tmp_path):
+    """On a terminal with Latin-1; `run` may be said, and keys without a value are as if they were not there."""
+    (tmp_path / "job.yaml").write_text(
+        "title: \u03c9 = 4.5\ndimension: 2\nspacing: 0.05\ntank: {size: [0.4, 0.3], baffles: }\nprobes:\nmotion:\n"
+        "fluids: [{name: water, depth: 0.15}]\noutput:\ntime: {end: 1.0e-3}\n",
+        encoding="utf-8",
+    )
+    done = subprocess.run(
+        [sys.executable, "-m", "parmps", "run", "job.yaml"],
+        cwd=tmp_path, env=ENVIRONMENT | {"PYTHONIOENCODING": "latin-1"}, capture_output=True, encoding="latin-1",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "? = 4.5" in done.stdout and "Traceback" not in done.stderr
+    assert "\u03c9 = 4.5" in (tmp_path / "out" / "job" / "run.log").read_text(encoding="utf-8")
+
+
+def test_options_that_petsc_does_not_know_are_named(job, tmp_path):
+    good = ("-ppe_ksp_max_it", "400", "-ppe_mg_levels_ksp_max_it", "2", "-ppe_mg_coarse_sub_pc_type", "lu")
+    done = parmps(tmp_path, job, "--set", "time.end=0.01", *good, "-ppe_pc_typ", "hypre", ranks=2)
+    assert done.returncode == 0, done.stderr
+    (line,) = {line for line in (done.stdout + done.stderr).splitlines() if "no solver has used" in line}
+    assert line.startswith("warning: -ppe_pc_typ: ")
+    record = json.loads((tmp_path / "out" / "run.json").read_text())
+    assert f"warning: {record['warnings'][-1]}" == line
+    done = parmps(tmp_path, job, "-ppe_pc_type", "hypr", ranks=2)
+    assert done.returncode == 2 and "Traceback" not in done.stderr
+    (line,) = [line for line in done.stderr.splitlines() if line.startswith("parmps: error:")]
+    assert "PETSc refuses -ppe_pc_type hypr: Unable to find" in line

@@ -12,6 +12,7 @@ from scipy.optimize import brentq
 
 from parmps import cli
 from parmps.figures.curves import draw_histories, draw_phases, draw_spectra
+from parmps.figures.results import run_names
 from parmps.figures.snapshots import View, draw_snapshots, make_view
 from parmps.loader import parse_job
 from parmps.output import ParticleFile
@@ -120,8 +121,35 @@ def test_histories_show_the_run_and_the_reference(tmp_path):
     assert lines["P1 (reference)"].get_color() == "black"
     assert panel.get_xlim() == (0.0, run[0][-1])
     both = draw_histories({"a": run, "b": other}).axes[1].lines
-    assert [line.get_label() for line in both] == ["eta_left (a)", "eta_right (a)", "eta_left (b)", "eta_right (b)"]
-    assert both[0].get_color() == both[2].get_color() and both[0].get_linestyle() != both[2].get_linestyle()
+    assert [line.get_label() for line in both] == ["eta_left, a", "eta_right, a", "eta_left, b", "eta_right, b"]
+    colours, styles = [line.get_color() for line in both], [line.get_linestyle() for line in both]
+    assert colours[0] == colours[1] != colours[2] == colours[3] and styles[0] == styles[2] != styles[1] == styles[3]
+
+
+def test_runs_are_told_apart_by_what_differs(tmp_path):
+    job = JOB.format(dimension=2, size="[0.8, 0.5]", centre="[0.4, 0.0]", at="[0.0, 0.05]")
+    jobs = {
+        "low": job.replace("depth: 0.15", "depth: 0.12"),
+        "high": job.replace("depth: 0.15", "depth: 0.2"),
+        "first": job.replace("Tilted", "one baffle"),
+        "second": job.replace("Tilted", "two baffles"),
+        "same": job.replace("depth: 0.15", "depth: 0.12"),
+    }
+    for name, text in jobs.items():
+        (tmp_path / name).mkdir()
+        ParticleFile.create(tmp_path / name / "particles.vtkhdf", 1, 1, {"job": text})
+
+    def names(*directories):
+        return run_names([tmp_path / name for name in directories])
+
+    assert names("low", "high") == ["depth = 0.12", "depth = 0.2"]
+    assert names("first", "second") == ["one baffle", "two baffles"]
+    assert names("low", "same") == [str(tmp_path / "low"), str(tmp_path / "same")]
+    assert names("low", "nowhere") == [str(tmp_path / "low"), str(tmp_path / "nowhere")]
+    for name in ("low", "high"):
+        write_probes(tmp_path / name, 1.0)
+    assert plot("probes", tmp_path / "low", tmp_path / "high") == 0
+    assert is_picture(tmp_path / "low" / "probes.png")
 
 
 def test_spectra_and_phases_show_the_motion(tmp_path):

@@ -327,3 +327,71 @@ def test_the_table_of_linear_theory_is_that_of_the_script():
     theory = util.module_from_spec(spec)
     spec.loader.exec_module(theory)
     assert path.with_suffix(".csv").read_text() == theory.table()
+
+
+LAYOUTS = TWO.replace(
+    'grid: {"fluids[0].depth": [0.15], "motion[0].omega": [5.0, 7.0]}',
+    """grid:
+  tank.baffles:
+    - {name: without a baffle, value: []}
+    - {name: =one low baffle, value: [{x: 0.2, bottom: 0.0, top: 0.1, thickness: 0.04}]}
+  motion[0].omega: [5.0, 7.0]""",
+)
+NAMED = TWO.split("grid")[0] + (
+    "list:\n  - {name: no baffle, tank.baffles: []}\n"
+    "  - {name: a baffle, tank.baffles: [{x: 0.2, bottom: 0.0, top: 0.1, thickness: 0.04}]}\n"
+    "  - {tank.baffles: [{x: 0.3, bottom: 0.0, top: 0.1, thickness: 0.04}]}\n"
+    "measures:\n  - {name: greatest pressure, column: P1, kind: max}\n"
+)
+
+
+def pretend(path, heights):
+    """Leave results of a sweep's cases as if they had run, with these pressures; the sweep."""
+    sweep, cases = load_sweep(path)
+    for case, height in zip(cases, heights, strict=True):
+        place = campaign.directory(sweep, case)
+        place.mkdir(parents=True)
+        rows = "".join(f"{0.01 * n},{height},{n}\n" for n in range(5))
+        (place / "probes.csv").write_text(f"time [s],P1 [Pa],load.Fx [N/m]\n{rows}")
+        (place / "run.json").write_text('{"status": "done"}')
+    assert campaign.results(sweep, cases) == ["done"] * len(cases)
+    return sweep
+
+
+def test_layouts_with_names_are_bars(write, tmp_path):
+    sweep = pretend(write(LAYOUTS), [1.0, -2.0, 3.0, 4.0])
+    jobs = [case.job for case in load_sweep(tmp_path / "sweep.yaml")[1]]
+    assert [len(job.tank.baffles) for job in jobs] == [0, 0, 1, 1]
+    rows = table(tmp_path)
+    # a spreadsheet would take what begins with = for a formula; numbers stay numbers
+    assert [row["tank.baffles"] for row in rows] == ["without a baffle"] * 2 + ["'=one low baffle"] * 2
+    assert rows[1]["greatest pressure [Pa]"] == "-2"
+    panel = draw_sweep(sweep)["greatest pressure"].axes[0]
+    assert panel.get_xlabel() == "motion[0].omega [rad/s]" and len(panel.lines) == 2
+    layouts, depth = ["none", "one", "two"], ["0.1"] * 3
+    panel = draw_measure(["depth [m]", "tank.baffles"], [depth, layouts], "Pa", np.arange(3.0)).axes[0]
+    assert [bar.get_height() for bar in panel.patches] == [0.0, 1.0, 2.0]
+
+
+def test_cases_with_names_are_bars_and_the_others_have_their_number(write, tmp_path):
+    sweep = pretend(write(NAMED), [1.0, 2.0, 3.0])
+    assert [row["name"] for row in table(tmp_path)] == ["no baffle", "a baffle", ""]
+    titles = [case.job.title for case in load_sweep(tmp_path / "sweep.yaml")[1]]
+    assert titles == ["no baffle", "a baffle", "Short"]
+    panel = draw_sweep(sweep)["greatest pressure"].axes[0]
+    assert [tick.get_text() for tick in panel.get_xticklabels()] == ["no baffle", "a baffle", "003"]
+    assert [bar.get_height() for bar in panel.patches] == [1.0, 2.0, 3.0]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (NAMED.replace("a baffle", "no baffle"), "list[1].name: 'no baffle' is taken; names must be unique"),
+        (NAMED.replace("a baffle", "7"), "list[1].name: got 7, must be a text of 1 to 100 characters"),
+        (LAYOUTS.replace("=one low", "without a"), "grid.tank.baffles[1].name: 'without a baffle' is taken"),
+    ],
+)
+def test_bad_names_of_cases(write, text, message):
+    with pytest.raises(InputError) as refusal:
+        load_sweep(write(text))
+    assert message in str(refusal.value)

@@ -42,6 +42,22 @@ install_packages() {
         || fail "could not install: ${missing[*]}"
 }
 
+# Prints the versions that packages in .venv must keep: Debian's are built for each other and for its NumPy.
+constraints() {
+    "$python" - "$1" <<'PYTHON'
+import sys
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
+
+sys.path.append(sys.argv[1])
+major = int(version("numpy").split(".")[0])
+print(f"numpy>={major},<{major + 1}")
+for name in ("mpi4py", "petsc4py", "h5py"):
+    with suppress(PackageNotFoundError):  # Debian 12 hides from pip which h5py there is
+        print(f"{name}=={version(name)}")
+PYTHON
+}
+
 # Prints the requirements of pyproject.toml, less those that Debian provides.
 requirements() {
     "$python" - "$level" <<'PYTHON'
@@ -61,18 +77,27 @@ PYTHON
 }
 
 make_environment() {
-    local stamp=.venv/setup-$level key needed site petsc
-    key=$(cat pyproject.toml tools/setup.sh <(pwd) | sha256sum)
+    local stamp=.venv/setup-$level key kept needed petsc site
+    # Without its -dev package, Debian's petsc4py lies where Python does not look.
+    petsc=$({ compgen -G '/usr/lib/petscdir/petsc*/*-real/lib/python3/dist-packages' || true; } | sort -V | tail -n 1)
+    [[ $petsc ]] || fail "found no petsc4py with real numbers in /usr/lib/petscdir"
+    kept=$(constraints "$petsc") || fail "$python does not find what Debian's packages installed"
+    key=$(cat pyproject.toml tools/setup.sh <(pwd; "$python" -V; echo "$petsc $kept") | sha256sum)
     [[ -x .venv/bin/python && -f $stamp && $(<"$stamp") == "$key" ]] && return
     echo "parmps setup: making .venv"
     "$python" -m venv --system-site-packages .venv || fail "could not make .venv"
+    # pip obeys these in .venv whatever is installed there later.
+    printf '%s\n' "$kept" >.venv/constraints.txt
+    "$python" -c 'from pathlib import Path; print("[global]\nconstraint =", Path(".venv/constraints.txt").resolve().as_uri())' \
+        >.venv/pip.conf
     mapfile -t needed < <(requirements)
     # --no-compile: Python compiles the modules that are used when they first are, in a third of the time.
     .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-input --no-compile "${needed[@]}" \
         || fail "could not install: ${needed[*]}"
     site=$(.venv/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
-    # Without its -dev package, Debian's petsc4py lies where Python does not look.
-    petsc=$(compgen -G '/usr/lib/petscdir/petsc*/*-real/lib/python3/dist-packages' | sort -V | tail -n 1)
+    # numba supports NumPy up to some version, which pip forgets when something else is installed.
+    .venv/bin/python -c 'from importlib.metadata import requires
+print(*(word for word in requires("numba") if word.startswith("numpy")), sep="\n")' >>.venv/constraints.txt
     printf '%s\n' "$petsc" >"$site/petsc4py-debian.pth"
     pwd >"$site/parmps.pth"
     # What every command imports is compiled here, since later processes may be forbidden to write what they compile.

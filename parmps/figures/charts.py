@@ -1,15 +1,22 @@
 """Charts of a sweep: one figure a measure, over what the cases change."""
 
 import csv
+import textwrap
 
 import numpy as np
 
 from parmps.campaign import measure_names, results_path
 from parmps.errors import InputError
 from parmps.figures.style import COLOURS, LINES, REFERENCE, finish_panel, new_figure, save, set_title
-from parmps.sweep import parameters
+from parmps.sweep import NAME, parameters
 
 MARKERS = ("o", "s", "^", "D", "v", "P")
+BARS = 0.7
+"""Width of the bars of one value, over the distance to those of the next."""
+AXIS_LETTERS, LEAST_LETTERS = 100, 8
+"""How many letters there is room for along the axis, and how short a line is at least."""
+LONGEST = 40
+"""Letters of a value; of one that is longer, such as a list of baffles, the first case is shown that has it."""
 
 
 def draw_sweep(sweep):
@@ -39,10 +46,14 @@ def draw_sweep(sweep):
         values = [row for row in done if row[place] != ""]
         if not values:
             continue
-        parts = [[row[column] for row in values] for column in range(1, names + 1)]
+        parts = [_shown([row[column] for row in values], [row[0] for row in values]) for column in range(1, names + 1)]
         heights = np.array([float(row[place]) for row in values])
         reference = read_table(item.reference) if item.reference else None
-        figure = draw_measure(keys, parts, header[place], heights, reference, sweep.sample is not None)
+        if keys[0] == NAME:  # which stands for all that a case changes
+            named = [cell or row[0] for cell, row in zip(parts[0], values, strict=True)]
+            figure = draw_measure(["case"], [named], header[place], heights, reference)
+        else:
+            figure = draw_measure(keys, parts, header[place], heights, reference, sweep.sample is not None)
         set_title(figure, sweep.title)
         figures[item.name] = figure
     return figures
@@ -101,7 +112,7 @@ def draw_measure(keys, parts, label, values, reference=None, scattered=False):
     """Draw one measure over the keys that the cases change.
 
     Of a grid or list, the key with the most values runs along the axis, and every combination of the others is
-    a curve. Of a sample, every key has a panel of its own.
+    a curve; bars where the values are no numbers. Of a sample, every key has a panel of its own.
 
     Parameters
     ----------
@@ -123,7 +134,8 @@ def draw_measure(keys, parts, label, values, reference=None, scattered=False):
     """
     if scattered:
         return _scatter(keys, parts, label, values)
-    main = max(range(len(keys)), key=lambda index: (_is_number(parts[index]), len(set(parts[index]))))
+    spread = [len(set(part)) for part in parts]
+    main = max(range(len(keys)), key=lambda index: (_is_number(parts[index]) and spread[index] > 1, spread[index]))
     others = [index for index in range(len(keys)) if index != main]
     figure = new_figure(4.8)
     panel = figure.add_subplot()
@@ -135,19 +147,23 @@ def draw_measure(keys, parts, label, values, reference=None, scattered=False):
     ticks = list(dict.fromkeys(parts[main]))
     for number, curve in enumerate(distinct):
         mine = [case for case in range(len(values)) if curves[case] == curve]
-        x = [float(parts[main][case]) if numeric else ticks.index(parts[main][case]) for case in mine]
-        order = np.argsort(x)
-        panel.plot(
-            np.array(x)[order],
-            values[mine][order],
-            MARKERS[number % len(MARKERS)] + ("-" if joined else ""),
-            color=COLOURS[number % len(COLOURS)],
-            label=_name(titles, curve) or None,
-        )
+        x = np.array([float(parts[main][case]) if numeric else ticks.index(parts[main][case]) for case in mine])
+        style = {"color": COLOURS[number % len(COLOURS)], "label": _name(titles, curve) or None}
+        if numeric:
+            order = np.argsort(x)
+            marker = MARKERS[number % len(MARKERS)] + ("-" if joined else "")
+            panel.plot(x[order], values[mine][order], marker, **style)
+        else:
+            width = BARS / len(distinct)
+            panel.bar(x - 0.5 * BARS + (number + 0.5) * width, values[mine], width, **style)
     if reference is not None:
         _draw_reference(panel, reference, keys[main])
     if not numeric:
-        panel.set_xticks(range(len(ticks)), ticks)
+        wide = max(LEAST_LETTERS, AXIS_LETTERS // len(ticks))
+        names = ["\n".join(textwrap.wrap(tick, wide)) for tick in ticks]
+        panel.set_xticks(range(len(ticks)), names, parse_math=False)
+        panel.axhline(0.0, color="0.3", linewidth=0.8)
+        panel.set_axisbelow(True)
     panel.set(xlabel=keys[main], ylabel=label)
     finish_panel(panel, legend=len(distinct) > 1 or reference is not None)
     return figure
@@ -206,6 +222,12 @@ def short(title):
         Such as ``depth [m]``.
     """
     return title.split(".")[-1]
+
+
+def _shown(cells, cases):
+    """Cells of the table as a figure shows them: instead of long ones, the first case that has them."""
+    first = dict(zip(reversed(cells), reversed(cases), strict=True))
+    return [cell if len(cell) <= LONGEST else f"as in case {first[cell]}" for cell in cells]
 
 
 def _is_number(cells):

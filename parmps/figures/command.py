@@ -22,8 +22,8 @@ def add_commands(parser):
     """
     kinds = parser.add_subparsers(dest="kind", metavar="KIND", required=True)
 
-    def add(name, draw, about, example="out/sloshing", source="DIR"):
-        line = f"example: python -m parmps plot {name} {example}"
+    def add(name, draw, about, example="out/job", source="DIR"):
+        line = f"example: {parser.prog} {name} {example}"
         description = about[0].upper() + about[1:] + "."
         plain = argparse.RawDescriptionHelpFormatter
         command = kinds.add_parser(name, help=about, description=description, epilog=line, formatter_class=plain)
@@ -35,35 +35,35 @@ def add_commands(parser):
         "probes",
         _probes,
         "signals of the probes over time, into DIR/probes.png",
-        "out/sloshing --signals P1 P2 --reference measured.csv",
+        "out/job --signals P1 P2 --reference measured.csv",
     )
     command.add_argument("others", metavar="DIR", nargs="*", help="more runs to draw in the same panels")
     command.add_argument("--reference", metavar="FILE.csv", help="signals to draw beside them, as in probes.csv")
     _add_signals(command)
     command.add_argument("--show", action="store_true", help="open a window as well")
     about = "the particles at one or more times, into DIR/particles_FIELD.png"
-    command = add("particles", _particles, about, "out/sloshing --time 1 2 3 --field speed")
+    command = add("particles", _particles, about, "out/job --time 1 2 3 --field speed")
     command.add_argument("--time", metavar="T", type=float, nargs="+", default=[None], help="s; the last if not given")
     _add_view(command)
     about = "all particles of a 3D run in its tank, into DIR/space_FIELD.png; needs PyVista"
-    command = add("space", _space, about, "out/baffled_tank_3d --time 1.5 --field speed")
+    command = add("space", _space, about, "out/job --time 1.5 --field speed")
     command.add_argument("--time", metavar="T", type=float, help="s; the last if not given")
     _add_colours(command)
     about = "amplitude spectra of the signals, into DIR/spectra.png"
-    command = add("spectra", _spectra, about, "out/sloshing --begin 2")
+    command = add("spectra", _spectra, about, "out/job --begin 2")
     _add_signals(command)
     about = "table of peaks and phases, into DIR/peaks.csv, and the cycles over their phase, into DIR/phases.png"
     command = add("peaks", _peaks, about)
     _add_signals(command)
     about = "an animation of the particles, into DIR/particles_FIELD.gif"
-    command = add("animation", _animation, about, "out/sloshing --rate 20 --end 5")
+    command = add("animation", _animation, about, "out/job --rate 20 --end 5")
     _add_view(command)
     command.add_argument("--begin", metavar="T", type=float, help="s")
     command.add_argument("--end", metavar="T", type=float, help="s")
     command.add_argument("--rate", metavar="N", type=float, default=10.0, help="frames a second (default 10)")
     command.add_argument("--format", choices=("gif", "mp4"), default="gif", help="mp4 needs ffmpeg")
     about = "a figure a measure of a sweep, beside its results.csv"
-    add("sweep", _sweep, about, "jobs/sweeps/baffle_height.yaml", "SWEEP.yaml")
+    add("sweep", _sweep, about, "sweep.yaml", "SWEEP.yaml")
     about = "one HTML page of a run or a sweep, report.html in its directory, or a PDF"
     command = add("report", _report, about, source="DIR|SWEEP.yaml")
     command.add_argument("--reference", metavar="FILE.csv", help="of a run: signals to draw beside its own")
@@ -108,9 +108,11 @@ def _say(*paths):
 
 def _probes(arguments):
     from parmps.figures.curves import draw_histories
+    from parmps.figures.results import run_names
 
-    directories = [arguments.source, *arguments.others]
-    runs = {str(directory): _table(directory, arguments, 2) for directory in directories}
+    directories = list(dict.fromkeys([arguments.source, *arguments.others]))
+    tables = [_table(directory, arguments, 2) for directory in directories]
+    runs = dict(zip(run_names(directories), tables, strict=True))
     reference = None if arguments.reference is None else read_signals(arguments.reference)
     figure = draw_histories(runs, reference, arguments.show)
     if arguments.show:

@@ -28,8 +28,8 @@ def draw_histories(runs, reference=None, show=False):
     Parameters
     ----------
     runs : dict of str to tuple
-        Time (n,) in s and signals, as `parmps.signals.read_signals` returns them, by the name of the run. A
-        signal has the same colour in all runs, a run the same line style in all panels.
+        Time (n,) in s and signals, as `parmps.signals.read_signals` returns them, by the name of the run. Of several
+        runs, each has its colour, and each signal of a panel its line style; of one run, each signal has its colour.
     reference : tuple, optional
         Time and signals to draw beside them, in black.
     show : bool
@@ -45,11 +45,13 @@ def draw_histories(runs, reference=None, show=False):
     for key, panel in panels:
         shown = [values for signals in tables for _, _, values in _of_panel(signals, key)]
         scale, label = scaled_label(key, max(np.nanmax(np.abs(values), initial=0.0) for values in shown))
-        colours = {}
-        for line, (run, (time, signals)) in zip(LINES * len(runs), runs.items(), strict=False):
+        names = list(dict.fromkeys(name for _, signals in runs.values() for name, _, _ in _of_panel(signals, key)))
+        for number, (run, (time, signals)) in enumerate(runs.items()):
             for name, _, values in _of_panel(signals, key):
-                colour = colours.setdefault(name, COLOURS[len(colours) % len(COLOURS)])
-                title = f"{name} ({run})" if len(runs) > 1 else name
+                place = names.index(name)
+                colour = COLOURS[(number if len(runs) > 1 else place) % len(COLOURS)]
+                line = LINES[place % len(LINES)] if len(runs) > 1 else LINES[number]
+                title = f"{name}, {run}" if len(runs) > 1 else name
                 panel.plot(time, scale * values, line, color=colour, linewidth=1.2, label=title)
         for time, signals in extra:
             for line, (name, _, values) in zip(LINES[1:] * len(signals), _of_panel(signals, key), strict=False):

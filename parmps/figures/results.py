@@ -9,6 +9,9 @@ from parmps.errors import InputError
 from parmps.hdf5 import opened
 from parmps.loader import parse_job
 
+MOST_DIFFERENCES = 3
+"""Settings that a name of a run can tell."""
+
 
 class Frame(NamedTuple):
     """The particles at one time.
@@ -43,6 +46,45 @@ def read_job(directory):
         If there is none, or it is not valid here: its motion file is no longer in its place.
     """
     return parse_job(_open(directory, lambda file: file["parmps/attributes/job"].asstr()[()]), source="the run's job")
+
+
+def run_names(directories):
+    """Name runs by what differs between their jobs.
+
+    Parameters
+    ----------
+    directories : list of path-like
+
+    Returns
+    -------
+    list of str
+        Their titles, if no two are alike; else such as ``depth = 0.1``; the directories where jobs cannot be read, or
+        differ in nothing or in too much to name.
+    """
+    try:
+        settings = [_settings(read_job(directory).model_dump(mode="json")) for directory in directories]
+    except InputError:
+        return [str(directory) for directory in directories]
+    titles = [each.pop("title") for each in settings]
+    if all(titles) and len(set(titles)) == len(titles):
+        return titles
+    keys = list(dict.fromkeys(key for each in settings for key in each if not key.startswith("output.")))
+    differing = [key for key in keys if len({each.get(key) for each in settings}) > 1]
+    names = [", ".join(f"{key.split('.')[-1]} = {each.get(key, 'none')}" for key in differing) for each in settings]
+    if len(differing) > MOST_DIFFERENCES or len(set(names)) < len(names):
+        return [str(directory) for directory in directories]
+    return names
+
+
+def _settings(value, key=""):
+    """All settings of a job, by their dotted keys."""
+    if isinstance(value, dict):
+        parts = {f"{key}.{name}".removeprefix("."): part for name, part in value.items()}
+    elif isinstance(value, list):
+        parts = {f"{key}[{number}]": part for number, part in enumerate(value)}
+    else:
+        return {key: value}
+    return {name: each for at, part in parts.items() for name, each in _settings(part, at).items()}
 
 
 def read_times(directory):
