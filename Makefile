@@ -57,4 +57,4 @@ extremes: setup
 	$(python) jobs/extremes/run.py
 
 hunt: setup-test
-	$(python) jobs/hunt/run.py
+	$(python) jobs/hunt/hunt.py

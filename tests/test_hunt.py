@@ -8,7 +8,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "jobs" / "hunt"))
 
-import run as hunt
+import hunt
 from scenes import make_scene
 
 from parmps.errors import InputError

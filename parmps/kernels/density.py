@@ -243,6 +243,10 @@ def invert(matrix, floor, dimension, inverse):
         inverse[i, 3], inverse[i, 4], inverse[i, 5] = m[3], m[4], m[5]
 
 
+ABREAST = 1e-6
+"""In radii; walls that are so little behind a particle are beside it, which rounding must not decide."""
+
+
 @added_together
 def _sum_bells(candidates, count, x, y, z, reach, walls):
     """Sum of `smooth_weight` over the first candidates; of walls, over those that face the particle."""
@@ -252,7 +256,7 @@ def _sum_bells(candidates, count, x, y, z, reach, walls):
         bell = smooth_weight(math.sqrt(dx * dx + dy * dy + dz * dz), reach)
         if walls:
             front = dx * candidates[3, k] + dy * candidates[4, k] + dz * candidates[5, k]
-            bell = bell if front > 0.0 else 0.0
+            bell = bell if front > ABREAST * reach else 0.0
         total += bell
     return total
 

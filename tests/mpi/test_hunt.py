@@ -7,7 +7,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "jobs" / "hunt"))
 
-import run as hunt
+import hunt
 from scenes import make_scene
 
 SEEDS = [2, 12]

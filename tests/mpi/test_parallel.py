@@ -14,7 +14,7 @@ from parmps.neighbors import Pairs
 from parmps.particles import DUMMY, FIELDS, FLUID, WALL, Particles
 from parmps.probes import build_probes
 from parmps.simulation import DISTRIBUTION_STEPS, HALO_COST, Simulation
-from parmps.stages import wall_friction
+from parmps.stages import pressure_gradient, wall_friction
 
 JOB = """
 dimension: 2
@@ -318,6 +318,7 @@ def test_operators_are_the_same_next_to_another_rank(comm):
         sim.distribute()
         sim.choose_step(1.0)
         sim.solve()
+        pressure_gradient(sim)  # which exchanges the pressure
         result = fields_of(communicator, sim)
         p, w = sim.particles, sim.work
         # what exchanged arrays hold in the halo is what the owner has

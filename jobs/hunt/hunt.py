@@ -1,6 +1,6 @@
 """Random scenes against what must always hold: ``make hunt``, results in ``jobs/hunt/results.md``.
 
-A seed makes a scene (`scenes.make_scene`), and anyone can write it out and run it: ``python jobs/hunt/run.py --seed 17
+A seed makes a scene (`scenes.make_scene`), and anyone can write it out and run it: ``python jobs/hunt/hunt.py --seed 17
 --write DIRECTORY``, then ``python -m parmps DIRECTORY/scene_17.yaml``. What the checks refuse must be refused before it
 starts. What they accept must run, and
 
