@@ -47,7 +47,7 @@ validate: setup
 	$(python) jobs/validation/run.py
 
 validate3d: setup
-	$(python) jobs/validation/run.py rest_3d standing_wave_3d surge_sway baffled_3d lateral_impact_3d lng --preset balanced
+	$(python) jobs/validation/run.py rest_3d standing_wave_3d surge_sway baffled_3d lateral_impact_3d edge_3d lng --preset balanced
 
 trade: setup
 	$(python) jobs/validation/trade.py
