@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from parmps.errors import InputError
 from parmps.hull import Polygon, build_hull, hull_axes
@@ -462,85 +461,3 @@ def distance_to_box(position, box):
     beyond = np.maximum(box[0] - position, position - box[1])
     outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=1)
     return np.where(outside > 0.0, outside, beyond.max(axis=1))
-
-
-def faces(geometry, position, normal, depth):
-    """Find the face area that each particle of the wall layer stands for.
-
-    The areas of a face's particles add up to the face: a particle at a convex edge of a baffle has a part of
-    each of the faces that meet there, one in a concave corner has none.
-
-    Parameters
-    ----------
-    geometry : Geometry
-    position : (n, 3) float64, m
-        Particles of the wall layer (kind 1).
-    normal : (n, 3) float64
-    depth : (n,) float64, m
-
-    Returns
-    -------
-    owner : (n,) int64
-        0 for the tank, k for its k-th baffle.
-    area : (n, 3) float64, m2 (m in 2D)
-        Directed out of the liquid: times the pressure, it is the force on the wall.
-    """
-    surface = position + depth[:, None] * normal
-    near = 1e-3 * geometry.spacing
-    owner = np.zeros(len(position), np.int64)
-    for number, solid in enumerate(geometry.solids, start=1):
-        # the tank's own particles keep clear of baffles by more than this
-        for box in solid.boxes:
-            owner[np.abs(distance_to_box(surface, box)) < near] = number
-    area = np.zeros_like(position)
-    low, high = geometry.walls.container
-    edges = [axis.edges for axis in geometry.axes]
-    mine = owner == 0
-    if geometry.hull is None:
-        area[mine] = _face_area(position[mine], surface[mine], normal[mine], high[None], low[None], edges, near)
-        area[mine & (np.count_nonzero(np.abs(normal) > ROUNDING, axis=1) > 1)] = 0.0
-    else:
-        area[mine] = _hull_area(geometry, position[mine], normal[mine])
-    for number, solid in enumerate(geometry.solids, start=1):
-        mine = owner == number
-        low, high = solid.box
-        lower, upper = np.vstack([low, solid.openings[:, 1]]), np.vstack([high, solid.openings[:, 0]])
-        edges = [axis.edges for axis in solid.axes]
-        area[mine] = _face_area(position[mine], surface[mine], normal[mine], lower, upper, edges, near)
-    return owner, area
-
-
-def _hull_area(geometry, position, normal):
-    """Area of the tank's wall that points of a hull's wall layer, or of the ends of a straight tank, stand for."""
-    across, arrangement = list(geometry.hull_axes), geometry.arrangement
-    points, shell = arrangement.points, arrangement.shells[0]
-    _, number = cKDTree(np.concatenate([points, shell.position])).query(position[:, across])
-    on_hull = number >= len(points)
-    area = np.zeros_like(position)
-    area[np.ix_(on_hull, across)] = shell.area[number[on_hull] - len(points)]
-    along = geometry.axes[0]
-    if 0 in across:
-        return area
-    inside = (position[:, 0] > along.low) & (position[:, 0] < along.high)
-    cell = np.searchsorted(along.edges, position[:, 0], side="right") - 1
-    area *= (inside * np.diff(along.edges)[np.clip(cell, 0, len(along.points) - 1)])[:, None]
-    area[~on_hull, 0] = -normal[~on_hull, 0] * arrangement.content.sum() / len(points)
-    return area
-
-
-def _face_area(position, surface, normal, minus, plus, edges, near):
-    """Area of the faces that points of them stand for, given places (k, 3) where normals are negative and positive."""
-    width = np.empty_like(surface)
-    for axis, bounds in enumerate(edges):
-        cell = np.searchsorted(bounds, position[:, axis], side="right") - 1
-        width[:, axis] = np.diff(bounds)[np.clip(cell, 0, len(bounds) - 2)]
-    used = np.abs(normal) > ROUNDING
-    near_minus = (np.abs(surface - minus[:, None]) < near).any(axis=0)
-    near_plus = (np.abs(surface - plus[:, None]) < near).any(axis=0)
-    on_face = used & np.where(normal < 0, near_minus, near_plus)
-    # a normal that leans away from a face that is none belongs to a concave corner
-    on_face &= (on_face == used).all(axis=1)[:, None]
-    area = np.empty_like(surface)
-    for axis in range(3):
-        area[:, axis] = np.prod(np.delete(width, axis, axis=1), axis=1)
-    return np.where(on_face, -np.sign(normal) * area, 0.0)

@@ -8,9 +8,9 @@ sums over all ranks become values for many steps at once.
 import numpy as np
 
 from parmps.errors import InputError
+from parmps.faces import faces
 from parmps.kernels.loads import linear_sums, liquid_sums, wall_fields
 from parmps.kernels.walls import wall_distance
-from parmps.lattice import faces
 
 AT_WALL = 0.5  # in spacings; a pressure probe nearer to a wall than this measures the wall's pressure
 FLATNESS = 0.1  # in spacings; the wall that a pressure probe measures is that even, but for its curvature

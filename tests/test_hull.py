@@ -6,9 +6,9 @@ from scipy.spatial import cKDTree
 
 from parmps.domain import Domain
 from parmps.errors import InputError
+from parmps.faces import faces
 from parmps.hull import Polygon, Round
 from parmps.kernels.walls import distances
-from parmps.lattice import faces
 from parmps.loader import load_job, parse_job
 from parmps.simulation import Simulation
 from parmps.tank import DUMMY, FLUID, WALL, count_particles, place
@@ -348,3 +348,30 @@ def test_free_wave_between_walls_of_45_degrees(start):
     assert crossing[1] == pytest.approx(period, rel=0.015)
     # a tilt of the surface by a / h moves the centre of the wedge by 2 a / 3
     assert np.ptp(mode) / 2 == pytest.approx(2 * amplitude / 3, rel=0.06)
+
+
+@pytest.mark.parametrize(
+    ("tank", "spacing", "displaced", "tolerance"),
+    [
+        # by the segment of the circle that the plate's foot stands in, in 2D and along a cylinder
+        ("{shape: cylinder, size: [0.62, 0.62], baffles: [{x: 0.31, bottom: 0, top: 0.18, thickness: 0.02}]}", 0.0115,
+         0.02 * 0.18, 3e-3),
+        ("{shape: cylinder, size: [1.5, 1, 1], baffles: [{x: 0.7, bottom: 0, top: 0.3, thickness: 0.06}]}", 0.05,
+         0.06 * (0.25 * np.arccos(0.4) - 0.2 * np.sqrt(0.21)), 1e-2),
+    ],
+)
+def test_faces_where_a_baffle_stands_on_a_curved_floor(tank, spacing, displaced, tolerance):
+    """Pressure that grows with the depth pushes walls and baffle by the liquid's weight, and nowhere sideways."""
+    dimension = 2 if "0.62" in tank else 3
+    job = parse_job(f"dimension: {dimension}\nspacing: {spacing}\ntank: {tank}\nfluids: [{{name: w, fill: 0.7}}]\n"
+                    "time: {end: 1}\n", ())  # fmt: skip
+    p = place(job, "half")
+    wall = p.kind == WALL
+    owner, area = faces(p.geometry, p.position[wall], p.normal[wall], p.depth[wall])
+    surface = p.position[wall] + p.depth[wall, None] * p.normal[wall]
+    force = (area * (job.tank.height - surface[:, 2])[:, None]).sum(axis=0)
+    length = 1.5 if dimension == 3 else 1.0
+    volume = np.pi * (job.tank.height / 2.0) ** 2 * length - displaced
+    assert force[2] == pytest.approx(-volume, rel=tolerance)
+    assert np.abs(force[:2]).max() < tolerance * volume
+    assert set(owner) == {0, 1}

@@ -19,7 +19,8 @@ def impulse(results, name):
 
 def measure(results):
     """Impulses over the recorded ones, suction on top of the box, and pull on it."""
-    found = {f"{name} impulse [%]": 100.0 * (impulse(results, name) / wanted - 1.0) for name, wanted in RECORDED.items()}
+    ratios = {name: impulse(results, name) / wanted for name, wanted in RECORDED.items()}
+    found = {f"{name} impulse [%]": 100.0 * (ratio - 1.0) for name, ratio in ratios.items()}
     found["suction on top [Pa s]"] = max(-min(impulse(results, name) for name in ("P5", "P7")), 0.0)
     found["pull [N]"] = max(results.probe("load.baffle1.Fx")[results.time <= STRUCK[1]].max(), 0.0)
     return found
