@@ -5,13 +5,28 @@ would pull it round the edge: at a block in a dam break with -20 to -100 kPa, an
 at the air satisfy Signorini's conditions of unilateral contact, p >= 0, v.n >= 0 and p v.n = 0: a wall particle with
 liquid of the free surface in reach, which would pull, is separated, that is without links to the liquid, until liquid
 comes back to it. Surface tension sigma holds it to the wall as long as that pulls less than (D - 1) sigma / l0, which
-opens a gap of one spacing in radius (Young and Laplace). Walls without air in reach pull as strongly as the flow asks
-for.
+opens a gap of one spacing in radius (Young and Laplace). Walls without air in reach pull as strongly as the flow at the
+place can make them.
 """
 
 import numpy as np
 
 from parmps.kernels import separation
+
+
+def limit_tension(sim):
+    """Bound the tension by Bernoulli's equation at the place: rho (v^2 / 2 + f L), L the tank's longest side.
+
+    That is what a steady flow from a free surface has at most. What is beyond it is the ringing of particles that are
+    jammed in a corner, a step of pressure and a step of tension, which fed a jet at a lid with 1700 m/s.
+    """
+    p, liquids = sim.particles, sim.liquids
+    capillary = 0.0 if liquids.tension is None else float(liquids.tension.max()) / sim.l0
+    if liquids.surface_tension is not None:
+        capillary += (sim.dimension - 1) * float(liquids.surface_tension.max()) / sim.l0
+    head = sim.force * max(sim.job.tank.size)
+    flow = (p.velocity, p.kind, p.fluid, liquids.density, head, capillary)
+    separation.limit_tension(*flow, *sim.pairs.wet, p.liquid, p.rows, p.pressure)
 
 
 def let_go(sim):

@@ -278,6 +278,7 @@ def make_plan(job, ranks):
             *contact,
             Stage("divergence", "source of the pressure equation", measure_divergence),
             Stage("pressure", "incompressibility", solve_pressure),
+            Stage("tension", "no more than the flow at the place can make", separation.limit_tension),
             *apart,
         ],
         [
@@ -374,8 +375,6 @@ def measure_density(sim):
             threshold = (0.7 if sim.liquids.surface_tension is None else 0.3) * sim.lattice.asymmetry
             around = (p.position, p.normal, w.wet, w.asymmetry)
             density.mark_uncovered(*around, threshold, *sim.pairs.wet, p.liquid, w.surface)
-            around = (sim.geometry.walls, sim.l0, sim.dimension)
-            density.unmark_corners(p.position, p.kind, *sim.pairs.wet, *around, p.liquid, w.surface)
         if s.position == "moved":  # the papers' wall particles can be in the surface, and then have no pressure
             density.mark_dry(p.kind, *sim.pairs.lists, p.liquid, p.rows, w.surface)
     sim.domain.exchange(w.asymmetry, w.surface)

@@ -6,11 +6,7 @@ import numpy as np
 from numba import njit
 
 from parmps.kernels.compiled import added_together, compiled
-from parmps.kernels.walls import wall_distance
 from parmps.kernels.weight import smooth_weight, spline_weight
-
-ROOM, APART = 0.4, 0.7
-"""Least distances, in spacings, of another particle from a wall and from its neighbour, where there is room for it."""
 
 
 @compiled
@@ -404,59 +400,6 @@ def mark_uncovered(position, normal, wet, asymmetry, threshold, first, last, oth
                 break
         if not covered:
             surface[i] = 1
-
-
-@compiled
-def unmark_corners(position, kind, first, last, other, walls, l0, dimension, rows, surface):
-    """Take particles from the free surface that lack neighbours only because no more fit between the walls.
-
-    In an acute corner, walls are few around a particle. Where in any direction, one spacing further and off the walls
-    by what a particle needs, is a place for another particle, it is of the surface.
-
-    Parameters
-    ----------
-    position : (n, 3) float64, m
-    kind : (n,) int8
-    first, last, other
-        Neighbour lists.
-    walls : Walls
-    l0 : float
-        Spacing, m.
-    dimension, rows : int
-    surface : (n,) int8
-        Set to 0 for those.
-    """
-    across = 1 if dimension == 3 else 0
-    for i in range(rows):
-        if surface[i] == 0 or last[i] == first[i] or kind[other[last[i] - 1]] == 0:
-            continue
-        room = False
-        for a in range(-1, 2):
-            for b in range(-across, across + 1):
-                for c in range(-1, 2):
-                    if not room and (a != 0 or b != 0 or c != 0):
-                        step = l0 / math.sqrt(a * a + b * b + c * c)
-                        room = _has_room(i, step * a, step * b, step * c, position, kind, first, last, other, walls, l0)
-        if not room:
-            surface[i] = 0
-
-
-@compiled
-def _has_room(i, x, y, z, position, kind, first, last, other, walls, l0):
-    """Whether there is a place for another particle some way (x, y, z) from particle i, moved off the walls."""
-    px, py, pz = position[i, 0] + x, position[i, 1] + y, position[i, 2] + z
-    for _ in range(5):
-        d, nx, ny, nz = wall_distance(px, py, pz, walls)
-        off = max(ROOM * l0 - d, 0.0)
-        px, py, pz = px + off * nx, py + off * ny, pz + off * nz
-    nearest = (px - position[i, 0]) ** 2 + (py - position[i, 1]) ** 2 + (pz - position[i, 2]) ** 2
-    for k in range(first[i], last[i]):
-        j = other[k]
-        if kind[j] != 0:
-            break
-        dx, dy, dz = position[j, 0] - px, position[j, 1] - py, position[j, 2] - pz
-        nearest = min(nearest, dx * dx + dy * dy + dz * dz)
-    return nearest >= (APART * l0) ** 2
 
 
 @compiled

@@ -7,6 +7,43 @@ from parmps.kernels.weight import weight
 
 
 @compiled
+def limit_tension(velocity, kind, fluid, density, head, capillary, first, last, other, begin, end, pressure):
+    """Bound the tension by rho (v^2 / 2 + head) + capillary: of a wall, with the fastest liquid that it is linked to.
+
+    Parameters
+    ----------
+    velocity : (n, 3) float64, m/s
+    kind, fluid : (n,) int8
+    density : (liquids,) float64, kg/m3
+    head : float, m2/s2
+        Of the body force over the tank.
+    capillary : float, Pa
+        Tension that surface tension makes.
+    first, last, other
+        Neighbour lists.
+    begin, end : int
+        Range of the wall particles, after the liquid.
+    pressure : (n,) float64, Pa
+        Changed.
+    """
+    for i in range(end):
+        if pressure[i] >= 0.0:
+            continue
+        least = 0.0
+        if i < begin:
+            u = velocity[i]
+            least = -density[fluid[i]] * (0.5 * (u[0] * u[0] + u[1] * u[1] + u[2] * u[2]) + head)
+        else:
+            for k in range(first[i], last[i]):
+                j = other[k]
+                if kind[j] == 0:
+                    u = velocity[j]
+                    square = u[0] * u[0] + u[1] * u[1] + u[2] * u[2]
+                    least = min(least, -density[fluid[j]] * (0.5 * square + head))
+        pressure[i] = max(pressure[i], least - capillary)
+
+
+@compiled
 def let_go(
     position,
     velocity,
