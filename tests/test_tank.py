@@ -6,8 +6,9 @@ import pytest
 from scipy.spatial import cKDTree
 
 from parmps.errors import InputError
+from parmps.faces import faces
 from parmps.kernels.walls import crosses_solid, wall_distance
-from parmps.lattice import distance_to_box, faces
+from parmps.lattice import distance_to_box
 from parmps.loader import parse_job
 from parmps.output import ParticleFile
 from parmps.tank import DUMMY, FLUID, WALL, initial_velocity, place
