@@ -279,7 +279,10 @@ def disk_estimate(job, counts):
         math.ceil(job.time.end / every * (1.0 - 1e-12)) + 1
         for every in (job.output.probes_every, job.output.particles_every)
     )
-    columns = sum(6 * (1 + len(job.tank.baffles)) if probe.kind == "force" else 1 for probe in job.probes)
+    bodies = 2 + len(job.tank.baffles)  # the tank, each baffle, and all of them
+    loads = 3 * (job.dimension - 1) * bodies
+    signals = {"force": loads, "pressure": 2, "panel": 2, "liquid": 3 + job.dimension}
+    columns = sum(signals.get(probe.kind, 1) for probe in job.probes)
     return {
         "particles.vtkhdf": frames * (float(POINT_BYTES) * counts["total"] + FRAME_BYTES),
         "probes.csv": samples * float(TIME_BYTES + SIGNAL_BYTES * columns),

@@ -10,10 +10,20 @@ from parmps.domain import Domain
 from parmps.errors import InputError
 from parmps.expectation import error_class, expected_cost, expected_errors, interpolate, read_table
 from parmps.figures.start import draw_plan
+from parmps.lattice import build_geometry
 from parmps.loader import load_job, parse_job
 from parmps.machine import available_memory
 from parmps.output import POINT_BYTES, ParticleFile
-from parmps.planning import check_machine, disk_estimate, estimate_particles, needs, plan_text
+from parmps.planning import (
+    SIGNAL_BYTES,
+    TIME_BYTES,
+    check_machine,
+    disk_estimate,
+    estimate_particles,
+    needs,
+    plan_text,
+)
+from parmps.probes import build_probes
 from parmps.simulation import Simulation
 from parmps.tank import count_particles
 
@@ -223,3 +233,24 @@ def test_plan_tells_the_greatest_of_every_motion(tmp_path):
     assert float(surge[4]) == pytest.approx(0.045, rel=0.02)
     assert float(surge[6]) == pytest.approx(0.01 * 4.5**2 / 9.80665, rel=0.05)
     assert "recorded in steps of 0.0001 m" in " ".join(surge)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_the_table_of_probes_is_as_wide_as_was_planned(dimension):
+    """Loads of the tank, its baffles and all, highest values beside the means, and what a liquid's probe tells."""
+    flat = dimension == 2
+    corners = [[0.0, 0.0], [0.0, 0.1]] if flat else [[0.0, 0.0, 0.0], [0.0, 0.1, 0.1]]
+    job = parse_job(
+        f"dimension: {dimension}\nspacing: 0.02\n"
+        f"tank: {{size: {[0.4, 0.2] if flat else [0.4, 0.2, 0.2]}, "
+        "baffles: [{x: 0.2, bottom: 0.0, top: 0.06, thickness: 0.04}]}\n"
+        "fluids: [{name: water, depth: 0.1}]\ntime: {end: 1.0}\noutput: {probes_every: 1.0}\n"
+        f"probes: [{{name: load, kind: force}}, {{name: P, kind: pressure, at: {corners[0]}}}, "
+        f"{{name: wall, kind: panel, corners: {corners}}}, {{name: level, kind: elevation, at: {corners[0][:-1]}}}, "
+        "{name: all, kind: liquid, fluid: water}]\n",
+        (),
+    )
+    geometry = build_geometry(job, job.scheme.wall, 3)
+    columns = sum(len(probe.columns) for probe in build_probes(job, geometry))
+    size = disk_estimate(job, {"total": 1, "wall": 0, "dummy": 0})["probes.csv"]
+    assert size == 2 * (TIME_BYTES + SIGNAL_BYTES * columns)

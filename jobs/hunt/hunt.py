@@ -380,7 +380,7 @@ def write_results(rows):
     print(total)
     (ROOT / "jobs" / "hunt" / "results.md").write_text("\n".join([
         "# Hunt", "", f"{total}.", "",
-        f"`make hunt` at {provenance()}. What must hold is said in `run.py`; energy, volume, speed and",
+        f"`make hunt` at {provenance()}. What must hold is said in `hunt.py`; energy, volume, speed and",
         "pressure are the worst of the run.",
         "", "| seed | scene | verdict | |", "|---|---|---|---|",
         *(f"| {seed} | {description} | {verdict} | {why} |" for seed, description, verdict, why in rows),

@@ -8,6 +8,9 @@ from numba import njit
 from parmps.kernels.compiled import added_together, compiled
 from parmps.kernels.weight import smooth_weight, spline_weight
 
+ABREAST = 1e-6
+"""In radii; walls that are so little behind a particle are beside it, which rounding must not decide."""
+
 
 @compiled
 def wet_walls(position, normal, first, last, other, strength, l0, begin, end, wet):
@@ -237,10 +240,6 @@ def invert(matrix, floor, dimension, inverse):
         m = inverse_of(xx, xy, xz, yy, yz, zz, floor, dimension)
         inverse[i, 0], inverse[i, 1], inverse[i, 2] = m[0], m[1], m[2]
         inverse[i, 3], inverse[i, 4], inverse[i, 5] = m[3], m[4], m[5]
-
-
-ABREAST = 1e-6
-"""In radii; walls that are so little behind a particle are beside it, which rounding must not decide."""
 
 
 @added_together

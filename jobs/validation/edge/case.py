@@ -1,6 +1,7 @@
 """A jet that leaves the edge of a block: no suction on it, and no energy from nothing."""
 
 import numpy as np
+from scipy.integrate import trapezoid
 
 TITLE = "Jet at the edge of a block"
 SPACINGS = (0.02, 0.01, 0.005)
@@ -30,7 +31,7 @@ def measure(results):
     struck = (time >= STRUCK[0]) & (time <= STRUCK[1])
     return {
         "suction [%]": 100.0 * max(-top[time <= STRUCK[1]].min(), 0.0) / column(results.job),
-        "impulse on top [Pa s]": max(-np.trapz(top[struck], time[struck]), 0.0),
+        "impulse on top [Pa s]": max(-trapezoid(top[struck], time[struck]), 0.0),
         "pull [N/m]": max(pull.max(), 0.0),
         "energy gained [%]": 100.0 * max(energy(results).max() - 1.0, 0.0),
         "P3, 0.45 to 0.7 s [Pa]": results.probe("P3")[(time > 0.45) & (time < 0.7)].mean(),
