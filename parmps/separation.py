@@ -22,8 +22,7 @@ def limit_tension(sim):
     """
     p, liquids = sim.particles, sim.liquids
     capillary = 0.0 if liquids.tension is None else float(liquids.tension.max()) / sim.l0
-    if liquids.surface_tension is not None:
-        capillary += (sim.dimension - 1) * float(liquids.surface_tension.max()) / sim.l0
+    capillary += float(_adhesion(sim).max())
     head = sim.force * max(sim.job.tank.size)
     flow = (p.velocity, p.kind, p.fluid, liquids.density, head, capillary)
     separation.limit_tension(*flow, *sim.pairs.wet, p.liquid, p.rows, p.pressure)
@@ -37,9 +36,13 @@ def let_go(sim):
     p, w = sim.particles, sim.work
     flow = (p.position, w.intermediate, p.normal, p.kind, w.surface, w.force, sim.liquids.density, p.fluid)
     pairs = (*sim.pairs.wet, sim.l0, sim.scheme.radius, p.liquid, p.rows)
+    separation.let_go(*flow, *pairs, _adhesion(sim), p.pressure, p.separated)
+
+
+def _adhesion(sim):
+    """Tension that opens a gap of one spacing in radius against the surface tension of each liquid, Pa: (liquids,)."""
     tension = sim.liquids.surface_tension
-    adhesion = np.zeros(len(sim.liquids.density)) if tension is None else (sim.dimension - 1) * tension / sim.l0
-    separation.let_go(*flow, *pairs, adhesion, p.pressure, p.separated)
+    return np.zeros(len(sim.liquids.density)) if tension is None else (sim.dimension - 1) * tension / sim.l0
 
 
 def cut_links(sim):

@@ -102,6 +102,7 @@ def let_go(
             if kind[j] != 0:
                 continue
             dx, dy, dz = position[j, 0] - x, position[j, 1] - y, position[j, 2] - z
+            # not from the strengths: those of separated walls are cut
             w = weight(math.sqrt(dx * dx + dy * dy + dz * dz) / l0, reach)
             total += w
             jump += w * density[fluid[j]] * (force[j, 0] * dx + force[j, 1] * dy + force[j, 2] * dz)
